@@ -17,7 +17,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     // Everything else has the defaults of the command; set what should differ.
     let mut config = Config::new(input, output, Target::Ratio(parse_ratio(share)?));
-    config.force = true;
+    config.job.force = true;
 
     // Reads the header, counts, and plans; nothing has been written yet.
     let prepared = pipeline::prepare(&config)?;
@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // Stages only count. A thread looks at the counters as often as it likes.
     let progress = Progress::default();
     let report = std::thread::scope(|scope| {
-        let run = scope.spawn(|| pipeline::simplify(prepared, &config, &progress));
+        let run = scope.spawn(|| pipeline::simplify(prepared, &progress));
         while !run.is_finished() {
             let (stage, done) = progress.read();
             eprint!("\r{} {} of {} triangles   ", stage.name, done, stage.total);

@@ -4,5 +4,5 @@
 static ALLOCATOR: stonecut::cli::Allocator = stonecut::cli::Allocator;
 
 fn main() -> std::process::ExitCode {
-    std::process::ExitCode::from(stonecut::cli::main())
+    std::process::ExitCode::from(stonecut::cli::main_from(std::env::args_os()))
 }

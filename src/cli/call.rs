@@ -4,19 +4,19 @@
 //! the `Progress` that the caller gives, and a stop is asked for there. Words mean what they mean on the command line.
 
 pub use super::answer::Answer;
-use super::answer::json_of;
-use super::{Command, Typed};
-use super::{convert, converted, info, measure, render, simplify, synth};
+use super::answer::CommandEnd;
+use super::log::{EXIT_SHORT, Log, Talk};
+use super::render;
+use super::session::{Command, Session};
+use super::{CommandLine, Typed, check_paths, session};
 use crate::config::Config;
 use crate::error::{Error, Result};
-use crate::measure::compare;
 use crate::mesh::Mesh;
 use crate::render::{Picture, render_mesh};
 use crate::system::parallel::guarded;
 use crate::system::paths::Paths;
 use crate::system::progress::Progress;
 use clap::Parser;
-use serde_json::json;
 use std::ffi::OsString;
 
 /// Runs `simplify`, `measure`, `info`, `convert`, `render` or `synth`.
@@ -24,17 +24,23 @@ use std::ffi::OsString;
 /// Errors: those of the command; `Usage` for words that cannot be read and for other commands; `Internal` for a panic.
 pub fn call(words: &[OsString], progress: &Progress) -> Result<Answer> {
     let typed = parse(words)?;
-    typed.command.check_paths(&typed.talk)?;
+    if !typed.command.is_callable() {
+        return Err(Error::Usage("this command is for the command line only".to_owned()));
+    }
+    let command = typed.command.as_command();
+    check_paths(command, &typed.talk)?;
     progress.take_losses();
-    let answer = guarded(|| answer(&typed.command, progress))?;
-    let is_short = answer.is_short || progress.losses().has_whole();
-    Ok(Answer { is_short, ..answer })
+    let (talk, mut log) = (Talk::silent(), Log::silent());
+    let mut session = Session { prints: false, ..session(&talk, progress, &mut log) };
+    let CommandEnd { report, code } = guarded(|| command.run(&mut session))?;
+    let is_short = code == EXIT_SHORT || progress.losses().has_whole();
+    Ok(Answer { report, is_short })
 }
 
 /// The settings of a `simplify` that is not run.
 pub fn config(words: &[OsString]) -> Result<Config> {
     match parse(words)?.command {
-        Command::Simplify(args) => args.config(),
+        Typed::Simplify(args) => args.config(),
         _ => Err(Error::Usage("only 'simplify' has settings of a run".to_owned())),
     }
 }
@@ -62,7 +68,7 @@ pub fn picture_file(
 
 fn render_args(words: &[OsString]) -> Result<render::Args> {
     match parse(words)?.command {
-        Command::Render(args) => Ok(args),
+        Typed::Render(args) => Ok(args),
         _ => Err(Error::Usage("only 'render' makes pictures".to_owned())),
     }
 }
@@ -80,9 +86,9 @@ fn draw(args: &render::Args, mesh: Option<&Mesh>, progress: &Progress) -> Result
     })
 }
 
-fn parse(words: &[OsString]) -> Result<Typed> {
+fn parse(words: &[OsString]) -> Result<CommandLine> {
     let words = std::iter::once("stonecut".into()).chain(words.iter().cloned());
-    Typed::try_parse_from(words).map_err(|e| {
+    CommandLine::try_parse_from(words).map_err(|e| {
         let text = e.to_string();
         let text = text.strip_prefix("error: ").unwrap_or(&text);
         // What follows is how to type it.
@@ -90,45 +96,6 @@ fn parse(words: &[OsString]) -> Result<Typed> {
         let text = text.split("\n\nFor more information").next().unwrap_or(text);
         Error::Usage(text.trim().to_owned())
     })
-}
-
-fn answer(command: &Command, progress: &Progress) -> Result<Answer> {
-    match command {
-        Command::Simplify(args) => simplify::call(args, progress),
-        Command::Measure(args) => {
-            let to = args.report_to();
-            let compare = |request: &compare::Request| compare::compare(request, progress);
-            let report = json_of(&measure::report(args, progress, compare)?)?;
-            measure::write_report(to.as_ref(), &report, progress)?;
-            Ok(Answer::whole(report))
-        }
-        Command::Info(args) if args.is_tileset() => {
-            Ok(Answer::whole(json_of(&info::look_at_tiles(args, progress)?)?))
-        }
-        Command::Info(args) => Ok(Answer::whole(json_of(&info::look(args, progress)?.1)?)),
-        Command::Convert(args) => {
-            let to = args.report_to();
-            let done = convert::convert_until_stopped(args, progress)?;
-            let report = converted::write_report(to.as_ref(), [&args.input, &args.output], &done)?;
-            Ok(Answer { report, is_short: done.is_short() })
-        }
-        Command::Render(args) => {
-            render::run(args, progress, &mut std::io::sink())?;
-            Ok(Answer::whole(
-                json!({ "output": { "path": args.output }, "losses": progress.losses() }),
-            ))
-        }
-        Command::Synth(args) => {
-            let made = synth::make(args, progress)?;
-            Ok(Answer::whole(json!({
-                "output": {
-                    "path": args.output, "vertices": made.n_vertices, "triangles": made.n_triangles,
-                    "images": made.n_images,
-                },
-            })))
-        }
-        _ => Err(Error::Usage("this command is for the command line only".to_owned())),
-    }
 }
 
 #[cfg(test)]
@@ -155,9 +122,9 @@ mod tests {
             assert!(!error.to_string().contains("Usage:"), "{error}");
         }
         for text in ["demo", "status folder", "report a.json -o a.html"] {
-            let error =
-                parse(&words(text)).and_then(|typed| answer(&typed.command, &Progress::default()));
-            assert_eq!(error.unwrap_err().exit_code(), 2, "{text}");
+            assert!(parse(&words(text)).is_ok(), "{text}");
+            let error = call(&words(text), &Progress::default()).unwrap_err();
+            assert!(error.to_string().contains("command line only"), "{text}: {error}");
         }
     }
 

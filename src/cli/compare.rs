@@ -2,10 +2,12 @@
 //!
 //! Each method is a run of this program in a process by itself, so that its peak memory is its own.
 
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory, require_ending, threads};
 use super::log::Log;
 use super::measure::parse_samples;
-use crate::config::Method;
+use super::method::MethodName;
+use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::io::ply::Place;
 use crate::render::{Resources, View, hold};
@@ -21,7 +23,7 @@ use std::ffi::OsString;
 use std::io::Read;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{self, Stdio};
 use std::time::Duration;
 
 /// Time between two looks at a run and at the wish to stop.
@@ -33,7 +35,7 @@ const LOOK: Duration = Duration::from_millis(50);
 pub struct Args {
     /// Methods joined by commas: collapse,cluster,decimate,retile.
     #[arg(value_enum, value_name = "METHOD,...", value_delimiter = ',', required = true)]
-    methods: Vec<Method>,
+    methods: Vec<MethodName>,
     /// The mesh to simplify.
     input: PathBuf,
     /// Triangles wanted, at most: 20000, 500k, 4M.
@@ -59,8 +61,8 @@ pub struct Args {
     threads: Option<NonZeroUsize>,
 }
 
-impl Args {
-    pub(super) fn paths(&self) -> Result<Paths> {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         require_ending("--output", &self.output, &["html", "htm"])?;
         Ok(Paths::new(self.force)
             .with(Role::InputFile, "INPUT", &self.input)
@@ -68,6 +70,12 @@ impl Args {
             .with(Role::JobFolder, "the folder of the results", self.folder()))
     }
 
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        make(self, session.progress, session.log).map(|()| CommandEnd::plain())
+    }
+}
+
+impl Args {
     /// The folder of the results while they are needed.
     fn folder(&self) -> PathBuf {
         let mut name = self.output.file_name().unwrap_or_default().to_owned();
@@ -77,7 +85,7 @@ impl Args {
 }
 
 /// Makes the page.
-pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
+fn make(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     let pictures = Resources {
         memory_bytes: memory_budget(args.memory),
         threads: threads(args.threads).get(),
@@ -121,7 +129,7 @@ fn is_result(path: &Path, is_folder: bool) -> bool {
     let Some(first) = path.iter().next().and_then(|part| part.to_str()) else { return false };
     let is_mesh = |name: &str| {
         let method = name.trim_start_matches('.').split(['.', '-']).next().unwrap_or_default();
-        Method::value_variants().iter().any(|known| known.name() == method)
+        MethodName::value_variants().iter().any(|known| known.name() == method)
     };
     let below: PathBuf = path.iter().skip(1).collect();
     match below.as_os_str().is_empty() {
@@ -180,7 +188,12 @@ fn resources(args: &Args) -> Vec<OsString> {
 }
 
 /// Runs `simplify` and `measure`; a target that is not met is shown on the page.
-fn contender(args: &Args, method: Method, folder: &Path, progress: &Progress) -> Result<Contender> {
+fn contender(
+    args: &Args,
+    method: MethodName,
+    folder: &Path,
+    progress: &Progress,
+) -> Result<Contender> {
     let name = method.name().to_owned();
     let mesh = folder.join(format!("{name}.ply"));
     let report = folder.join(format!("{name}.json"));
@@ -211,7 +224,7 @@ fn run_apart(args: &Args, what: &str, words: Vec<OsString>, progress: &Progress)
     let program = std::env::current_exe()
         .map_err(|e| Error::Internal(format!("this program cannot find itself: {e}")))?;
     let failed = |e| Error::io(&program, "cannot run", e);
-    let mut child = Command::new(&program)
+    let mut child = process::Command::new(&program)
         .args(words)
         .args(resources(args))
         .arg("--quiet")

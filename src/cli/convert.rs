@@ -5,9 +5,12 @@
 //! vertices that no face uses vanish; the order of all others stays. Memory: sorts within that of the command, a bit and
 //! an eighth a vertex, a bit a triangle if any repeat, and a few blocks.
 
+use super::answer::CommandEnd;
 pub use super::converted::Converted;
 use super::converted::write_report;
-use crate::error::{Error, Result};
+use super::log::Said;
+use super::session::{Command, Session};
+use crate::error::{Error, Offers, Result};
 use crate::io::ply::{
     FaceBlock, FaceSchema, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle,
     VertexBlock,
@@ -22,6 +25,7 @@ use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
 use crate::system::units::{show_bytes, show_count};
+use std::io::Write;
 use std::path::PathBuf;
 
 /// Converts a mesh between formats: PLY, STL, OBJ, GLB and glTF.
@@ -76,8 +80,8 @@ pub struct Args {
     pub report: Option<PathBuf>,
 }
 
-impl Args {
-    pub(super) fn paths(&self) -> Result<Paths> {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         self.format.check(&self.output)?;
         Ok(Paths::new(self.force)
             .with(Role::Input, "INPUT", &self.input)
@@ -85,19 +89,22 @@ impl Args {
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref()))
     }
-}
 
-impl Args {
-    /// The place of the report, as it is before the work.
-    pub(super) fn report_to(&self) -> Option<Seen> {
-        self.report.as_deref().map(Seen::new)
+    fn offers(&self) -> Offers {
+        Offers { resumes: false, temp_dir: true }
+    }
+
+    /// The exit code tells whether broken faces were dropped.
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        let report_to = self.report.as_deref().map(Seen::new);
+        let done = convert_until_stopped(self, session.progress)?;
+        say(self, &done, &mut Said(session.log));
+        let report = write_report(report_to.as_ref(), [&self.input, &self.output], &done)?;
+        CommandEnd::of(&report, done.is_short())
     }
 }
 
-/// Converts and says on `log` what was done; the exit code tells whether broken faces were dropped.
-pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<u8> {
-    let report_to = args.report_to();
-    let done = convert_until_stopped(args, progress)?;
+fn say(args: &Args, done: &Converted, log: &mut Said) {
     // A closed standard error is not a reason to fail: the mesh is there.
     let _ = writeln!(
         log,
@@ -120,19 +127,17 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
     for line in done.weld.iter().flat_map(|weld| &weld.notes) {
         let _ = writeln!(log, "  {line}");
     }
-    write_report(report_to.as_ref(), [&args.input, &args.output], &done)?;
-    Ok(if done.is_short() { super::log::EXIT_SHORT } else { 0 })
 }
 
 /// Converts; the library's own entry.
 ///
 /// Errors: paths that clash or cannot be used, broken faces without `skip_bad`, a mesh of which no triangle is left.
 pub fn convert(args: &Args) -> Result<Converted> {
+    args.paths()?.check()?;
     convert_until_stopped(args, &Progress::default())
 }
 
-pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> {
-    args.paths()?.check()?;
+fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> {
     let to_stdout = args.output == std::path::Path::new("-");
     let folder = args.temp_dir.clone().unwrap_or_else(|| match to_stdout {
         true => std::env::temp_dir(),
@@ -186,7 +191,8 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
         let why = format!("{x} {y} {z} was subtracted from all coordinates");
         done.losses.lose(Loss::new(LossKind::Precision, "places", why).notice());
     }
-    let input = Input { source: &source, duplicates: &duplicates, texture, textures, memory_bytes };
+    let input =
+        ConvertInput { source: &source, duplicates: &duplicates, texture, textures, memory_bytes };
     used.write(&input, args, &mut done, progress)?;
     let faults = source.faults();
     progress.lose_all(&done.losses);
@@ -204,7 +210,7 @@ fn plan_textures(source: &MeshSource, args: &Args) -> Result<Option<TexturePlan>
 }
 
 /// The mesh that is written.
-struct Input<'a> {
+struct ConvertInput<'a> {
     source: &'a MeshSource,
     duplicates: &'a Duplicates,
     /// True if texture coordinates at corners are written.
@@ -315,12 +321,12 @@ impl Used {
 
     fn write(
         &self,
-        input: &Input,
+        input: &ConvertInput,
         args: &Args,
         done: &mut Converted,
         progress: &Progress,
     ) -> Result<()> {
-        let Input { source, duplicates, .. } = *input;
+        let ConvertInput { source, duplicates, .. } = *input;
         let mut header =
             OutputHeader::new(source.schema().clone(), done.n_vertices, done.n_triangles);
         header.comments = source.plain_comments();
@@ -381,7 +387,7 @@ impl Used {
     /// The second pass over faces with properties: their rows beside their triangles, block by block.
     fn write_full_faces(
         &self,
-        input: &Input,
+        input: &ConvertInput,
         mut sink: MeshSink,
         done: &mut Converted,
         progress: &Progress,
@@ -431,7 +437,7 @@ impl Used {
 /// Blocks of faces on their way to the output, with what their rows carry.
 struct FullBlocks<'a> {
     used: &'a Used,
-    input: &'a Input<'a>,
+    input: &'a ConvertInput<'a>,
     value_bytes: usize,
     /// Triangles so far, dropped ones included.
     place: u64,
@@ -446,7 +452,7 @@ struct FullBlocks<'a> {
 impl FullBlocks<'_> {
     fn write(&mut self, sink: &mut MeshSink) -> Result<()> {
         let mut block = FaceBlock::default();
-        let Input { source, duplicates, texture: has_texture, .. } = *self.input;
+        let ConvertInput { source, duplicates, texture: has_texture, .. } = *self.input;
         source.read_faces_with_rows(self.index, &mut block)?;
         let (mut triangles, mut values) = (Vec::new(), Vec::new());
         for (triangle, &row) in block.triangles.iter().zip(&block.rows) {

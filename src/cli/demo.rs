@@ -1,6 +1,7 @@
 //! `stonecut demo`: the whole way on a synthetic scan, told command by command.
 
-use super::log::Log;
+use super::answer::CommandEnd;
+use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::measure::load;
@@ -16,9 +17,14 @@ pub struct Args {
     folder: PathBuf,
 }
 
-impl Args {
-    pub(super) fn paths(&self) -> Paths {
-        Paths::default().with(Role::TempDir, "DIR", &self.folder)
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
+        Ok(Paths::default().with(Role::TempDir, "DIR", &self.folder))
+    }
+
+    /// Fails if the result is not as closed as the scan it came from.
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        show(&self.folder, session).map(|code| CommandEnd { code, ..CommandEnd::plain() })
     }
 }
 
@@ -31,21 +37,14 @@ const COMMANDS: [&str; 4] = [
     "render statue.ply small.ply -o pictures.png --edges --caption before --caption after --force",
 ];
 
-/// Runs the demo; fails if the result is not as closed as the scan it came from.
-///
-/// `command` runs a command line, given as words that begin with the program's name.
-pub fn run(
-    args: &Args,
-    log: &mut Log,
-    command: impl Fn(Vec<String>, &mut Log) -> Result<u8>,
-) -> Result<u8> {
-    let folder = &args.folder;
+fn show(folder: &Path, session: &mut Session) -> Result<u8> {
     std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "cannot create", e))?;
     for line in COMMANDS {
-        log.say("");
-        log.say(format!("$ stonecut {line}"));
+        session.log.say("");
+        session.log.say(format!("$ stonecut {line}"));
         let words = line.split_whitespace().map(|word| in_folder(folder, word));
-        let code = command(std::iter::once("stonecut".to_owned()).chain(words).collect(), log)?;
+        let words: Vec<String> = std::iter::once("stonecut".to_owned()).chain(words).collect();
+        let code = (session.run_words)(&words, session)?;
         if code != 0 {
             return Ok(code);
         }
@@ -61,9 +60,9 @@ pub fn run(
         let what = format!("is not the closed surface that went in: {topology:?}");
         return Err(Error::bad_input(&small, what));
     }
-    log.say("");
-    log.say("checked: the scan was closed and in one piece, and so is the result.");
-    log.say(format!(
+    session.log.say("");
+    session.log.say("checked: the scan was closed and in one piece, and so is the result.");
+    session.log.say(format!(
         "scan {}, result {}, report {}, pictures {}",
         folder.join("statue.ply").display(),
         small.display(),

@@ -1,13 +1,14 @@
 //! `stonecut extract`: a mesh from a tree of tiles, as fine as is asked for, finer in a box.
 
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_length, parse_memory};
-use super::display::watch;
-use super::log::{EXIT_SHORT, Log, Talk};
+use super::log::EXIT_SHORT;
+use super::placing::numbers;
+use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::io::OutputFormat;
 use crate::pipeline::extract::{ExtractConfig, Wanted, extract};
 use crate::system::paths::{Paths, Role};
-use crate::system::progress::Progress;
 use crate::system::units::{parse_count, show_bytes, show_count, show_outward};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -30,7 +31,7 @@ pub struct Args {
     triangles: Option<u64>,
     /// A box, in units of the mesh, that is finer than the rest; --triangles leaves its content alone.
     #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = parse_box, allow_hyphen_values = true, requires = "max_error_inside")]
-    inside: Option<Corners>,
+    inside: Option<BoxCorners>,
     /// Largest distance from the mesh in that box, at most --max-error.
     #[arg(long, value_name = "E", value_parser = parse_length, requires = "inside")]
     max_error_inside: Option<f64>,
@@ -51,7 +52,7 @@ pub struct Args {
 
 /// The lower and the upper corner of a box.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Corners([[f64; 3]; 2]);
+struct BoxCorners([[f64; 3]; 2]);
 
 fn parse_wanted(text: &str) -> std::result::Result<u64, String> {
     match parse_count(text)? {
@@ -60,22 +61,19 @@ fn parse_wanted(text: &str) -> std::result::Result<u64, String> {
     }
 }
 
-fn parse_box(text: &str) -> std::result::Result<Corners, String> {
-    let parse = |word: &str| word.trim().parse().ok().filter(|x: &f64| x.is_finite());
-    let list: Option<Vec<f64>> = text.split(',').map(parse).collect();
-    let corners: Option<[f64; 6]> = list.and_then(|list| list.try_into().ok());
-    let Some([a, b, c, d, e, f]) = corners else {
+fn parse_box(text: &str) -> std::result::Result<BoxCorners, String> {
+    let Some([a, b, c, d, e, f]) = numbers::<6>(text) else {
         return Err("six numbers, the lower corner first: -1,-1,0,1,1,2".to_owned());
     };
     let (low, high) = ([a, b, c], [d, e, f]);
     match (0..3).all(|k| low[k] <= high[k]) {
-        true => Ok(Corners([low, high])),
+        true => Ok(BoxCorners([low, high])),
         false => Err("the lower corner comes first: no number may exceed its partner".to_owned()),
     }
 }
 
-impl Args {
-    pub(super) fn paths(&self) -> Result<Paths> {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         self.format.check(&self.output)?;
         Ok(Paths::new(self.force).with(Role::InputFolder, "TILES", &self.tiles).with(
             Role::Output,
@@ -84,6 +82,12 @@ impl Args {
         ))
     }
 
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        extract_mesh(self, session).map(|code| CommandEnd { code, ..CommandEnd::plain() })
+    }
+}
+
+impl Args {
     fn config(&self) -> ExtractConfig {
         let wanted = match (self.max_error, self.triangles) {
             (_, Some(n)) => Wanted::Triangles(n),
@@ -94,15 +98,16 @@ impl Args {
             output: self.output.clone(),
             format: self.format,
             wanted,
-            inside: self.inside.zip(self.max_error_inside).map(|(Corners(c), most)| (c, most)),
+            inside: self.inside.zip(self.max_error_inside).map(|(BoxCorners(c), most)| (c, most)),
             memory_bytes: memory_budget(self.memory),
             threads: super::arguments::threads(self.threads),
         }
     }
 }
 
-/// Runs the command and gives its exit code.
-pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
+/// Extracts the mesh and gives the exit code.
+fn extract_mesh(args: &Args, session: &mut Session) -> Result<u8> {
+    let progress = session.progress;
     let config = args.config();
     if let (Wanted::MaxError(outside), Some((_, inside))) = (config.wanted, config.inside)
         && inside > outside
@@ -111,8 +116,9 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
             "--max-error-inside {inside} is above --max-error {outside}: the box can only be finer than the rest"
         )));
     }
-    super::arguments::warn_of_limit(args.memory, log);
-    let done = watch(talk, progress, log, || extract(&config, progress))?;
+    super::arguments::warn_of_limit(args.memory, session.log);
+    let done = session.watch(|| extract(&config, progress))?;
+    let log = &mut *session.log;
     log.say(format!(
         "{}: {} triangles, {} vertices, {}, from {} tiles of {} triangles at most {} from the input",
         config.output.display(),
@@ -143,7 +149,7 @@ mod tests {
 
     #[test]
     fn boxes_have_six_numbers_in_order() {
-        assert_eq!(parse_box("-1,0,2, 3,0,5"), Ok(Corners([[-1.0, 0.0, 2.0], [3.0, 0.0, 5.0]])));
+        assert_eq!(parse_box("-1,0,2, 3,0,5"), Ok(BoxCorners([[-1.0, 0.0, 2.0], [3.0, 0.0, 5.0]])));
         for text in ["", "1,2,3", "1,0,0,0,1,1", "1,2,3,4,5,nan", "1,2,3,4,5,6,7"] {
             assert!(parse_box(text).is_err(), "{text}");
         }

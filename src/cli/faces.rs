@@ -1,7 +1,6 @@
 //! Options of `simplify` on what faces carry.
 
-use super::method::TypedMethod;
-use crate::config::Method;
+use super::method::{MethodName, TypedMethod};
 use crate::io::NameUse;
 
 /// Parts of faces to give up.
@@ -20,7 +19,7 @@ impl TypedFaces {
     pub(super) fn names(&self, method: &TypedMethod, is_progressive: bool) -> NameUse {
         match () {
             () if self.drop_names || self.drop_faces => NameUse::GivenUp(""),
-            () if method.method != Method::Collapse => {
+            () if method.method != MethodName::Collapse => {
                 NameUse::GivenUp("only --method collapse carries them")
             }
             () if method.pairs => NameUse::GivenUp("not carried by --pairs"),

@@ -1,7 +1,9 @@
 //! `stonecut info`: what a mesh file holds and, with `--check`, whether it is sound.
 
+use super::answer::CommandEnd;
+use super::session::{Command, Session};
 use super::terminal::{shown, table as table_of};
-use crate::error::{Error, Result};
+use crate::error::{Error, Offers, Result};
 use crate::io::StageOptions;
 use crate::io::ply::MeshSource;
 use crate::measure::check::{self, COUNT_BYTES, Checked};
@@ -14,7 +16,6 @@ use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
 use crate::system::units;
-use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -48,7 +49,7 @@ pub struct Args {
 
 /// The JSON of `info`; docs/report.md describes the keys.
 #[derive(serde::Serialize)]
-pub(super) struct Report {
+struct InfoReport {
     /// `SCHEMA_VERSION`.
     schema_version: u32,
     /// Version of the program.
@@ -101,35 +102,50 @@ pub(super) struct Report {
     intersections: Option<SelfIntersections>,
     /// Components by size; only with `--check`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    component_sizes: Option<Sizes>,
+    component_sizes: Option<SizesReport>,
 }
 
 /// Components by size, as `--min-component` counts them: vertices in one place are connected.
 #[derive(serde::Serialize)]
-struct Sizes {
+struct SizesReport {
     found: u64,
     largest: u64,
     below: Vec<Below>,
 }
 
-impl Args {
-    pub(super) fn paths(&self) -> Paths {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         let role = if is_tileset(&self.file) { Role::InputFolder } else { Role::Input };
         let paths = Paths::default().with(role, "FILE", &self.file);
-        paths.with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
+        Ok(paths.with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref()))
     }
 
-    pub(super) fn is_tileset(&self) -> bool {
-        is_tileset(&self.file)
+    fn offers(&self) -> Offers {
+        Offers { resumes: false, temp_dir: true }
     }
 
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        if is_tileset(&self.file) {
+            return tiles(self, session);
+        }
+        let (source, report, list) = look(self, session.progress)?;
+        let done = CommandEnd::whole(&report)?;
+        session.print(&match self.json {
+            true => json(&report)?,
+            false => table(&source, &report, list),
+        })?;
+        Ok(done)
+    }
+}
+
+impl Args {
     fn temp_dir(&self) -> &Path {
         self.temp_dir.as_deref().unwrap_or(Path::new("."))
     }
 }
 
 /// Looks at a folder of tiles. Without `--check` it is read all the same: what it holds is known no sooner.
-pub(super) fn look_at_tiles(args: &Args, progress: &Progress) -> Result<TilesetCheck> {
+fn look_at_tiles(args: &Args, progress: &Progress) -> Result<TilesetCheck> {
     if args.self_intersections {
         let what = "--self-intersections is for mesh files, and FILE is a folder of tiles; name one of its tiles";
         return Err(Error::Usage(what.to_owned()));
@@ -138,12 +154,10 @@ pub(super) fn look_at_tiles(args: &Args, progress: &Progress) -> Result<TilesetC
     check_tileset(&args.file, (super::arguments::memory_budget(args.memory), threads), progress)
 }
 
-fn tiles(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<u8> {
-    let found = look_at_tiles(args, progress)?;
+fn tiles(args: &Args, session: &mut Session) -> Result<CommandEnd> {
+    let found = look_at_tiles(args, session.progress)?;
     let text = if args.json {
-        serde_json::to_string_pretty(&found)
-            .map_err(|e| Error::Usage(format!("the answer cannot be written as JSON: {e}")))?
-            + "\n"
+        json(&found)?
     } else {
         let rows = [
             ("folder", args.file.display().to_string()),
@@ -162,32 +176,19 @@ fn tiles(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<u8> {
         let faults = found.faults.iter().map(|fault| format!("  {}\n", shown(fault)));
         table_of(rows) + &faults.collect::<String>()
     };
-    out.write_all(text.as_bytes()).map_err(Error::stdout)?;
-    Ok(if found.n_faults > 0 { EXIT_FAULTS } else { 0 })
+    session.print(&text)?;
+    let code = if found.n_faults > 0 { EXIT_FAULTS } else { 0 };
+    Ok(CommandEnd { code, ..CommandEnd::whole(&found)? })
 }
 
-/// Runs the command; the answer goes to `out`. Returns the exit code.
-pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<u8> {
-    if is_tileset(&args.file) {
-        return tiles(args, out, progress);
-    }
-    let (source, report, list) = look(args, progress)?;
-    let text = if args.json {
-        serde_json::to_string_pretty(&report)
-            .map_err(|e| Error::Usage(format!("the answer cannot be written as JSON: {e}")))?
-            + "\n"
-    } else {
-        table(&source, &report, list)
-    };
-    out.write_all(text.as_bytes()).map_err(Error::stdout)?;
-    Ok(0)
+fn json(report: &impl serde::Serialize) -> Result<String> {
+    serde_json::to_string_pretty(report)
+        .map(|json| json + "\n")
+        .map_err(|e| Error::Usage(format!("the answer cannot be written as JSON: {e}")))
 }
 
 /// Looks at the file; the last part of the answer is a line about sizes of components.
-pub(super) fn look(
-    args: &Args,
-    progress: &Progress,
-) -> Result<(MeshSource, Report, Option<String>)> {
+fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Option<String>)> {
     let threads = super::arguments::threads(args.threads).get();
     // With `--check` all of it is wanted; without, only its counts.
     let stage = super::arguments::staging(args.temp_dir(), args.memory);
@@ -203,7 +204,7 @@ pub(super) fn look(
     let list = sizes.as_ref().map(below_list);
     let schema = source.schema();
     let materials = source.materials();
-    let report = Report {
+    let report = InfoReport {
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION"),
         path: args.file.clone(),
@@ -230,7 +231,7 @@ pub(super) fn look(
         triangles: check.is_none().then(|| source.n_triangles()),
         check,
         intersections,
-        component_sizes: sizes.map(|s| Sizes {
+        component_sizes: sizes.map(|s| SizesReport {
             found: s.found,
             largest: s.largest,
             below: s.below,
@@ -286,7 +287,7 @@ fn pixels(images: &[Option<[u32; 2]>]) -> Option<String> {
     (!list.is_empty()).then(|| list.join(", ") + rest)
 }
 
-fn table(source: &MeshSource, report: &Report, below: Option<String>) -> String {
+fn table(source: &MeshSource, report: &InfoReport, below: Option<String>) -> String {
     let mut rows = vec![
         ("file", report.path.display().to_string()),
         ("size", units::show_bytes(report.bytes)),

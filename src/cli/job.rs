@@ -5,32 +5,74 @@
 
 use super::log::EXIT_SHORT;
 use super::outcome::{close, is_short};
-use crate::config::Config;
+use crate::config::{Config, Method};
 use crate::error::Result;
+use crate::pipeline::methods::{self, PreparedMethod};
 use crate::pipeline::run_report::{DoneRecord, RunReport};
 use crate::pipeline::{self, Prepared, max_error, optimize, pairs};
 use crate::store::job::fingerprint::{input_marks, marks_now};
 use crate::system::disk::read_regular;
 use crate::system::paths::MOST_REPORT_BYTES;
 use crate::system::progress::Progress;
+use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+/// A job that is prepared.
+pub(super) enum ReadyJob {
+    /// The collapse, by itself or within another run.
+    Collapse(Box<Prepared>),
+    /// Another method.
+    Method(Box<PreparedMethod>),
+}
+
+/// Opens the input and plans the job.
+pub(super) fn prepare(config: &Config, progress: &Progress) -> Result<ReadyJob> {
+    match config.method {
+        Method::Collapse => {
+            pipeline::prepare(config).map(|ready| ReadyJob::Collapse(Box::new(ready)))
+        }
+        _ => methods::prepare(config, progress).map(|ready| ReadyJob::Method(Box::new(ready))),
+    }
+}
+
+impl ReadyJob {
+    /// The plan in lines, and as JSON.
+    pub(super) fn plan(&self, config: &Config) -> (Vec<String>, serde_json::Value) {
+        match self {
+            ReadyJob::Collapse(ready) => (ready.plan.lines(config), json!(ready.plan)),
+            ReadyJob::Method(ready) => (ready.plan.lines(config), json!(ready.plan)),
+        }
+    }
+}
+
 /// Runs a job that is prepared; `None` where `--until` ended it.
 pub(super) fn run_job(
-    prepared: Prepared,
+    ready: ReadyJob,
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
+    let prepared = match ready {
+        ReadyJob::Collapse(prepared) => *prepared,
+        ReadyJob::Method(prepared) => {
+            progress.lose_all(&prepared.losses());
+            let mut report = match config.optimize {
+                Some(_) => optimize::simplify(prepared.into_source(), config, progress),
+                None => methods::simplify(*prepared, config, progress),
+            }?;
+            close(&mut report, progress);
+            return Ok(Some(report));
+        }
+    };
     progress.lose_all(&prepared.source.losses());
     let marks = prepared.marks.clone();
     let mut report = match config.kernel.bound {
         Some(bound) => max_error::simplify(bound.distance, prepared, config, progress),
         None if config.optimize.is_some() => {
-            optimize::simplify(prepared, config, progress).map(Some)
+            optimize::simplify(prepared.source, config, progress).map(Some)
         }
-        None if config.pairs => pairs::simplify(prepared, config, progress).map(Some),
-        None => pipeline::simplify(prepared, config, progress),
+        None if config.pairs => pairs::simplify(prepared.source, config, progress).map(Some),
+        None => pipeline::simplify(prepared, progress),
     }?;
     if let Some(report) = &mut report {
         close(report, progress);
@@ -57,8 +99,8 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
     for (name, value) in [
         ("input", format!("{:?}", std::path::absolute(&config.input).ok())),
         ("format", format!("{:?}", config.format)),
-        ("verify", format!("{:?}", config.verify)),
-        ("seams", format!("{:?}", config.seams)),
+        ("verify", format!("{:?}", config.checks.verify)),
+        ("seams", format!("{:?}", config.checks.seams)),
         ("progressive", format!("{:?}", config.progressive)),
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
     ] {
@@ -76,7 +118,7 @@ pub(super) fn done_before(config: &Config, report: &Path) -> Option<u8> {
     let is_input = done.input.iter().all(|(name, value)| input.get(name) == Some(value));
     let now = record(config, done.input.clone(), done.exit_code)?;
     // Side files are not looked at.
-    let has_sides = config.seams.is_some() || config.progressive.is_some();
+    let has_sides = config.checks.seams.is_some() || config.progressive.is_some();
     (is_input && !has_sides && now == done).then_some(done.exit_code)
 }
 

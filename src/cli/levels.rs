@@ -13,7 +13,7 @@ const PLACE: &str = "{}";
 
 /// Values joined by commas, each with the words that were typed.
 #[derive(Clone, Debug)]
-struct Listed<T>(Vec<(String, T)>);
+struct ListedValues<T>(Vec<(String, T)>);
 
 #[derive(Clone, Debug, clap::Args)]
 #[command(group = clap::ArgGroup::new("target").required(true).multiple(true).args(["triangles", "ratio", "max_error", "grid"]))]
@@ -21,10 +21,10 @@ pub(super) struct TypedTarget {
     /// Triangles wanted, at most: 20000, 500k, 4M. Several, as 40M,4M,400k, make a chain of levels in one run: OUTPUT gets -40M,
     /// -4M and -400k before its ending, or holds {} for them.
     #[arg(long, value_name = "N", value_parser = parse_counts)]
-    triangles: Option<Listed<u64>>,
+    triangles: Option<ListedValues<u64>>,
     /// Share of the input's triangles: 1% or 0.01; or several, as 10%,1%,0.1%.
     #[arg(long, value_name = "R", value_parser = parse_ratios, conflicts_with = "triangles")]
-    ratio: Option<Listed<f64>>,
+    ratio: Option<ListedValues<f64>>,
     /// Largest distance from the input to the result and back, in input units; as few triangles as that allows, or
     /// as many as --triangles or --ratio say, if those come first.
     #[arg(long, value_name = "E", value_parser = parse_length)]
@@ -34,25 +34,25 @@ pub(super) struct TypedTarget {
 fn parse_list<T: PartialOrd>(
     text: &str,
     parse: impl Fn(&str) -> std::result::Result<T, String>,
-) -> std::result::Result<Listed<T>, String> {
+) -> std::result::Result<ListedValues<T>, String> {
     let value = |word: &str| Ok((word.trim().to_owned(), parse(word.trim())?));
     let mut list: Vec<(String, T)> =
         text.split(',').map(value).collect::<std::result::Result<_, String>>()?;
     list.sort_by(|a, b| b.1.partial_cmp(&a.1).unwrap_or(std::cmp::Ordering::Equal));
     match list.windows(2).find(|pair| pair[0].1 == pair[1].1) {
         Some(pair) => Err(format!("{} and {} are the same level", pair[0].0, pair[1].0)),
-        None => Ok(Listed(list)),
+        None => Ok(ListedValues(list)),
     }
 }
 
-fn parse_counts(text: &str) -> std::result::Result<Listed<u64>, String> {
+fn parse_counts(text: &str) -> std::result::Result<ListedValues<u64>, String> {
     parse_list(text, |word| match parse_count(word)? {
         0 => Err("a mesh of 0 triangles is none; ask for at least 1".to_owned()),
         count => Ok(count),
     })
 }
 
-fn parse_ratios(text: &str) -> std::result::Result<Listed<f64>, String> {
+fn parse_ratios(text: &str) -> std::result::Result<ListedValues<f64>, String> {
     parse_list(text, parse_ratio)
 }
 

@@ -42,6 +42,13 @@ pub struct Talk {
     pub(super) log_file: Option<std::path::PathBuf>,
 }
 
+impl Talk {
+    /// Nothing is said.
+    pub(super) fn silent() -> Talk {
+        Talk { progress: Show::None, quiet: true, verbose: false, log_file: None }
+    }
+}
+
 /// Says what went wrong and what to do about it, as an event where progress is shown as JSON; gives the exit code.
 pub(super) fn complain(log: &mut dyn Write, show: Show, error: &Error, offers: Offers) -> u8 {
     // Other commands end without a word where the reader of a pipe has had enough.
@@ -100,6 +107,11 @@ impl Log {
         };
         let is_json = talk.progress == Show::Json;
         Ok(Log { file, quiet: talk.quiet, is_json, begun: Vec::new() })
+    }
+
+    /// A log that keeps everything to itself.
+    pub(super) fn silent() -> Log {
+        Log { file: None, quiet: true, is_json: false, begun: Vec::new() }
     }
 
     /// Says a line, as a terminal may have it, unless `--quiet`; it always reaches the log file.

@@ -1,14 +1,14 @@
 //! `stonecut measure`: its arguments, its table, its report.
 
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
-use super::display::watch;
-use super::log::{Log, Talk};
-use crate::error::{Error, Result};
+use super::session::{Command, Session};
+use crate::error::{Error, Offers, Result};
 use crate::io::ply::{MeshSource, Place};
 use crate::measure::appearance::{
     self, Appearance, DEFAULT_VIEWS, Likeness, MOST_VIEWS, Settings, WorstView,
 };
-use crate::measure::compare::{self, CELL_TRIANGLES, Comparison, Report, Request};
+use crate::measure::compare::{self, CELL_TRIANGLES, Report, Request};
 use crate::measure::{
     self, Certificate, Certify, LEAST_TOLERANCE, On, Options, Region, Side, TriangleSizes, heatmap,
 };
@@ -20,7 +20,6 @@ use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::{Seen, write_whole};
 use crate::system::progress::Progress;
 use crate::system::units;
-use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -119,8 +118,8 @@ enum Which {
     Simplified,
 }
 
-impl Args {
-    pub(super) fn paths(&self) -> Result<Paths> {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         if let Some(heatmap) = &self.heatmap {
             super::arguments::require_ending("--heatmap", heatmap, &["ply"])?;
         }
@@ -134,11 +133,23 @@ impl Args {
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref()))
     }
 
-    /// The file for the report as it is now.
-    pub(super) fn report_to(&self) -> Option<Seen> {
-        self.report.as_deref().map(Seen::new)
+    fn offers(&self) -> Offers {
+        Offers { resumes: false, temp_dir: true }
     }
 
+    /// The table or the JSON goes to standard output.
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        super::arguments::warn_of_limit(self.memory, session.log);
+        let report_to = self.report.as_deref().map(Seen::new);
+        let report = report(self, session)?;
+        let json = write_report(report_to.as_ref(), &report, session.progress)?;
+        session.warn_of_notes();
+        session.print(&if self.json { json + "\n" } else { table(&report) })?;
+        CommandEnd::whole(&report)
+    }
+}
+
+impl Args {
     /// Refuses pictures that could not be written after the measurement.
     fn check_pictures(&self) -> Result<()> {
         let Some(folder) = &self.pictures else { return Ok(()) };
@@ -162,25 +173,8 @@ fn picture(folder: &Path, number: u32) -> PathBuf {
     folder.join(format!("view-{number:02}.png"))
 }
 
-/// Runs the command; the table or the JSON goes to standard output.
-pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<()> {
-    super::arguments::warn_of_limit(args.memory, log);
-    let report_to = args.report_to();
-    let report = report(args, progress, |request| {
-        watch(talk, progress, log, || compare::compare(request, progress))
-    })?;
-    let json = write_report(report_to.as_ref(), &report, progress)?;
-    for line in progress.take_notes() {
-        log.say(format!("warning: {line}"));
-    }
-    let mut out = std::io::stdout().lock();
-    let printed =
-        if args.json { writeln!(out, "{json}") } else { write!(out, "{}", table(&report)) };
-    printed.map_err(Error::stdout)
-}
-
 /// Writes the report where that was asked for; gives it back as JSON.
-pub(super) fn write_report(
+fn write_report(
     to: Option<&Seen>,
     report: &impl serde::Serialize,
     progress: &Progress,
@@ -194,12 +188,9 @@ pub(super) fn write_report(
     Ok(json)
 }
 
-/// Measures by means of `compare`, and writes the heatmap; the report is left to the caller.
-pub(super) fn report(
-    args: &Args,
-    progress: &Progress,
-    compare: impl FnOnce(&Request) -> Result<Comparison>,
-) -> Result<Report> {
+/// Measures, and writes the heatmap; the report is left to the caller.
+fn report(args: &Args, session: &mut Session) -> Result<Report> {
+    let progress = session.progress;
     let begin = std::time::Instant::now();
     let threads = super::arguments::threads(args.threads).get();
     let heat_to = args.heatmap.as_deref().map(Seen::new);
@@ -243,7 +234,7 @@ pub(super) fn report(
         temp_dir: temp_dir.clone(),
         heat: args.heatmap.is_some() && args.heatmap_of == Which::Simplified,
     };
-    let comparison = compare(&request)?;
+    let comparison = session.watch(|| compare::compare(&request, progress))?;
     // Its memory is for the heatmap and the pictures now.
     request.options.region = None;
     if let Some(to) = &heat_to {

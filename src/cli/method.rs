@@ -1,18 +1,30 @@
-//! `--method` and `--grid` of `simplify`, and the options that each method refuses.
+//! `--method` and `--grid` of `simplify`, and the options that one method alone has.
 
-use super::answer::{Answer, json_of};
 use super::arguments::parse_length;
-use super::display::watch;
-use super::log::{Log, Talk};
-use super::outcome::{close, is_short, tell, write_early, write_report};
-use crate::config::{Config, Method};
+use crate::config::{FEATURE_ANGLE, Method};
 use crate::error::{Error, Result};
-use crate::pipeline::methods::{self, PreparedMethod};
-use crate::pipeline::optimize;
-use crate::pipeline::run_report::RunReport;
-use crate::system::pending_file::Seen;
-use crate::system::progress::Progress;
-use std::path::Path;
+use clap::ValueEnum;
+
+/// The choices of `--method`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum MethodName {
+    /// Edges collapse, least error first; for results.
+    Collapse,
+    /// Vertices of a cell of a grid become one; for previews, at the speed of the disk.
+    Cluster,
+    /// Vertices are removed, least distance first; all others stay exactly where they are.
+    Decimate,
+    /// Vertices spread evenly over the surface, joined by nearly equilateral triangles.
+    Retile,
+}
+
+impl MethodName {
+    /// The word itself.
+    pub(super) fn name(self) -> String {
+        let word = self.to_possible_value();
+        word.map_or_else(String::new, |word| word.get_name().to_owned())
+    }
+}
 
 /// The choice of a method.
 #[derive(Clone, Debug, clap::Args)]
@@ -21,7 +33,7 @@ pub(super) struct TypedMethod {
     /// pass at the speed of the disk; for previews), decimate (vertices are removed, all others stay exactly where they
     /// are; in memory) or retile (nearly equilateral triangles of one size, for simulation; in memory). See docs/methods.md.
     #[arg(long, value_enum, value_name = "METHOD", default_value = "collapse")]
-    pub(super) method: Method,
+    pub(super) method: MethodName,
     /// With --method cluster: length of a cell of the grid, in input units, instead of a count of triangles.
     #[arg(long, value_name = "SIZE", value_parser = parse_cell_size, conflicts_with_all = ["triangles", "ratio", "max_error"])]
     pub(super) grid: Option<f64>,
@@ -64,109 +76,34 @@ fn parse_cell_size(text: &str) -> std::result::Result<f64, String> {
     }
 }
 
-/// Wishes besides the settings of the run.
-#[derive(Clone, Copy)]
-pub(super) struct Wishes<'a> {
-    /// Only plan.
-    pub(super) dry_run: bool,
-    /// File for the report.
-    pub(super) report: Option<&'a Path>,
-}
-
 impl TypedMethod {
-    /// Refuses options that do not go with `--optimize`.
-    pub(super) fn check_optimize(&self, typed: &[(&str, bool)]) -> Result<()> {
-        match typed.iter().find(|(_, is_given)| *is_given && self.optimize.is_some()) {
-            None => Ok(()),
-            Some((option, _)) => Err(Error::Usage(format!(
-                "--optimize makes one result fit its original better: not with {option}"
-            ))),
+    /// The method with its settings.
+    pub(super) fn settings(&self) -> Method {
+        match self.method {
+            MethodName::Collapse => Method::Collapse,
+            MethodName::Cluster => Method::Cluster { manifold: self.manifold },
+            MethodName::Decimate => {
+                Method::Decimate { feature_angle: self.feature_angle.unwrap_or(FEATURE_ANGLE) }
+            }
+            MethodName::Retile => Method::Retile { gradation: self.gradation.unwrap_or(0.0) },
         }
     }
 
-    /// Refuses options that do not go with `--pairs`.
-    pub(super) fn check_pairs(&self, typed: &[(&str, bool)]) -> Result<()> {
-        match typed.iter().find(|(_, is_given)| *is_given && self.pairs) {
-            None => Ok(()),
-            Some((option, _)) => Err(Error::Usage(format!(
-                "--pairs changes the topology and moves vertices at the end of one run: not with {option}"
-            ))),
-        }
-    }
-
-    /// Refuses options that mean nothing for the method; `typed` lists those that only the collapse has.
-    pub(super) fn check(&self, typed: &[(&str, bool)]) -> Result<()> {
-        let name = self.method.name();
+    /// Refuses options that only another method has.
+    pub(super) fn check(&self) -> Result<()> {
         for (option, is_given, of) in [
-            ("--grid", self.grid.is_some(), Method::Cluster),
-            ("--feature-angle", self.feature_angle.is_some(), Method::Decimate),
-            ("--gradation", self.gradation.is_some(), Method::Retile),
-            ("--manifold", self.manifold, Method::Cluster),
+            ("--grid", self.grid.is_some(), MethodName::Cluster),
+            ("--feature-angle", self.feature_angle.is_some(), MethodName::Decimate),
+            ("--gradation", self.gradation.is_some(), MethodName::Retile),
+            ("--manifold", self.manifold, MethodName::Cluster),
         ] {
             if is_given && self.method != of {
+                let (of, name) = (of.name(), self.method.name());
                 return Err(Error::Usage(format!(
-                    "{option} is for --method {}; leave it out with {name}",
-                    of.name()
+                    "{option} is for --method {of}; leave it out with {name}"
                 )));
             }
         }
-        if self.method == Method::Collapse {
-            return Ok(());
-        }
-        match typed.iter().find(|(_, is_given)| *is_given) {
-            None => Ok(()),
-            Some((option, _)) => Err(Error::Usage(format!(
-                "{option} means nothing for --method {name}; leave it out, or take --method collapse"
-            ))),
-        }
+        Ok(())
     }
-}
-
-/// Runs another method than the collapse, or only plans it, without a word.
-pub(super) fn call(wishes: Wishes, config: &Config, progress: &Progress) -> Result<Answer> {
-    let report_to = wishes.report.map(Seen::new);
-    let prepared = methods::prepare(config, progress)?;
-    if wishes.dry_run {
-        return Ok(Answer { report: json_of(&prepared.plan)?, is_short: false });
-    }
-    let report = run(prepared, config, progress)?;
-    if let Some(to) = &report_to {
-        write_report(to, &report)?;
-    }
-    let is_short = is_short(&report);
-    Ok(Answer { report: json_of(&report.written())?, is_short })
-}
-
-fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result<RunReport> {
-    progress.lose_all(&prepared.losses());
-    let mut report = match config.optimize {
-        Some(_) => optimize::simplify_by_method(prepared, config, progress),
-        None => methods::simplify(prepared, config, progress),
-    }?;
-    close(&mut report, progress);
-    Ok(report)
-}
-
-/// Prints the plan, runs another method than the collapse, prints and writes the report.
-pub(super) fn simplify(
-    wishes: Wishes,
-    config: &Config,
-    talk: &Talk,
-    progress: &Progress,
-    log: &mut Log,
-) -> Result<Option<RunReport>> {
-    let report_to = wishes.report.map(Seen::new);
-    let prepared = watch(talk, progress, log, || methods::prepare(config, progress))?;
-    log.plan(prepared.plan.lines(config), &prepared.plan);
-    if wishes.dry_run {
-        let end = serde_json::json!({ "dry_run": true, "plan": prepared.plan });
-        write_early(report_to.as_ref(), config, end, progress)?;
-        return Ok(None);
-    }
-    let report = watch(talk, progress, log, || run(prepared, config, progress))?;
-    tell(&report, talk, log);
-    if let Some(to) = &report_to {
-        write_report(to, &report)?;
-    }
-    Ok(Some(report))
 }

@@ -4,6 +4,7 @@ mod answer;
 mod arguments;
 pub mod call;
 mod compare;
+mod conflicts;
 pub mod convert;
 mod converted;
 mod demo;
@@ -29,6 +30,7 @@ mod refine;
 mod render;
 mod report;
 mod serve;
+mod session;
 mod signals;
 mod simplify;
 mod status;
@@ -37,13 +39,14 @@ mod terminal;
 mod tiles;
 mod work;
 
-use crate::error::{Error, Offers};
+use crate::error::{Error, Result};
 use crate::system::parallel::guarded;
-use crate::system::paths::{Paths, Role};
+use crate::system::paths::Role;
 use crate::system::progress::Progress;
 use clap::{CommandFactory, Parser};
-use log::{Log, Said, Talk, complain, say_end};
+use log::{Log, Talk, complain, say_end};
 pub use out_of_memory::Allocator;
+use session::{Command, Session};
 use std::io::Write;
 use std::sync::Arc;
 
@@ -56,16 +59,16 @@ use std::sync::Arc;
 /// 141 whoever read standard output has closed it.
 #[derive(Debug, Parser)]
 #[command(name = "stonecut", version)]
-struct Typed {
+struct CommandLine {
     #[command(subcommand)]
-    command: Command,
+    command: Typed,
     #[command(flatten)]
     talk: Talk,
 }
 
 #[derive(Debug, clap::Subcommand)]
 #[allow(clippy::large_enum_variant)] // There is one.
-enum Command {
+enum Typed {
     Simplify(simplify::Args),
     Convert(convert::Args),
     Info(info::Args),
@@ -86,17 +89,12 @@ enum Command {
     Man(pages::Man),
 }
 
-/// Runs the command line of this process and gives its exit code.
-pub fn main() -> u8 {
-    main_from(std::env::args_os())
-}
-
 /// Runs a command line, the name of the program first, as the only work of this process; gives its exit code.
 ///
 /// SIGINT and SIGTERM are listened to from then on.
 pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
     let words: Vec<std::ffi::OsString> = words.into_iter().collect();
-    let mut typed = match Typed::try_parse_from(&words) {
+    let mut typed = match CommandLine::try_parse_from(&words) {
         Ok(typed) => typed,
         Err(error) => {
             // Help and version are answers, not errors; clap knows which stream each belongs to.
@@ -104,28 +102,24 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
             return if error.use_stderr() { 2 } else { 0 };
         }
     };
-    if let Command::Plan(args) = &mut typed.command {
+    if let Typed::Plan(args) = &mut typed.command {
         args.words = words.iter().map(|word| word.to_string_lossy().into_owned()).collect();
     }
     let progress = Arc::new(Progress::default());
-    let offers = typed.command.offers();
+    let (command, talk) = (typed.command.as_command(), &typed.talk);
+    let (offers, show) = (command.offers(), talk.progress);
     raise_open_files();
     crate::system::memory::share_one_heap();
-    let show = typed.talk.progress;
     let begin = || {
         signals::listen(&progress, show, offers)?;
-        typed.command.check_paths(&typed.talk)?;
-        Log::new(&typed.talk)
+        check_paths(command, talk)?;
+        Log::new(talk)
     };
     let began = std::time::Instant::now();
-    if let Command::Simplify(args) = &typed.command
-        && let Some(code) = args.done_before()
-        && let Ok(mut log) = Log::new(&typed.talk)
+    if let Some((code, line)) = command.done_before()
+        && let Ok(mut log) = Log::new(talk)
     {
-        log.say(format!(
-            "{}: already done with the same settings; --force does it again",
-            args.output.display()
-        ));
+        log.say(line);
         say_end(&mut log, show, code, began);
         return code;
     }
@@ -137,15 +131,33 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
             return code;
         }
     };
-    let code = guarded(|| dispatch(&typed.command, &typed.talk, &progress, &mut log))
-        .map(|code| match (log.say_losses(&progress.losses(), code), &typed.command) {
-            // Scripts wait for the unit, whatever its mesh has lost.
-            (_, Command::Work(_)) => code,
-            (code, _) => code,
-        })
-        .unwrap_or_else(|error| complain(&mut log, show, &error, offers));
+    let outcome = guarded(|| command.run(&mut session(talk, &progress, &mut log)));
+    let code = match outcome {
+        Ok(done) => {
+            let code = log.say_losses(&progress.losses(), done.code);
+            if command.ignores_losses() { done.code } else { code }
+        }
+        Err(error) => complain(&mut log, show, &error, offers),
+    };
     say_end(&mut log, show, code, began);
     code
+}
+
+/// The surroundings of a command of this command line.
+fn session<'a>(talk: &'a Talk, progress: &'a Progress, log: &'a mut Log) -> Session<'a> {
+    Session { talk, progress, log, prints: true, line: CommandLine::command, run_words }
+}
+
+fn run_words(words: &[String], session: &mut Session) -> Result<u8> {
+    let line = CommandLine::try_parse_from(words).map_err(|e| Error::Usage(e.to_string()))?;
+    let command = line.command.as_command();
+    check_paths(command, session.talk)?;
+    command.run(session).map(|done| done.code)
+}
+
+/// Refuses paths that clash or cannot be used, before anything is written, the log included.
+fn check_paths(command: &dyn Command, talk: &Talk) -> Result<()> {
+    command.paths()?.with_option(Role::Log, "--log-file", talk.log_file.as_ref()).check()
 }
 
 /// Prints help, or what is wrong with the words; in colour unless one of them could play tricks on the terminal.
@@ -161,7 +173,7 @@ fn print_typed(error: &clap::Error, words: &[std::ffi::OsString]) {
     }
     // The same words without their tricks are as wrong as they were.
     let safe = words.iter().map(|word| terminal::shown(&word.to_string_lossy()).into_owned());
-    let text = match Typed::try_parse_from(safe) {
+    let text = match CommandLine::try_parse_from(safe) {
         Err(same) => same.to_string(),
         Ok(_) => error.kind().to_string(),
     };
@@ -169,95 +181,34 @@ fn print_typed(error: &clap::Error, words: &[std::ffi::OsString]) {
     let _ = writeln!(std::io::stderr(), "{}", lines.join("\n"));
 }
 
-impl Command {
-    /// The paths that were typed, with what the command does with each.
-    fn paths(&self) -> crate::Result<Paths> {
+impl Typed {
+    fn as_command(&self) -> &dyn Command {
         match self {
-            Command::Simplify(args) => args.paths(),
-            Command::Convert(args) => args.paths(),
-            Command::Info(args) => Ok(args.paths()),
-            Command::Tiles(args) => args.paths(),
-            Command::Extract(args) => args.paths(),
-            Command::Refine(args) => args.paths(),
-            Command::Measure(args) => args.paths(),
-            Command::Compare(args) => args.paths(),
-            Command::Render(args) => args.paths(),
-            Command::Report(args) => args.paths(),
-            Command::Synth(args) => args.paths(),
-            Command::Serve(args) => Ok(args.paths()),
-            Command::Status(args) => Ok(args.paths()),
-            Command::Plan(args) => args.paths(),
-            Command::Work(args) => Ok(args.paths()),
-            Command::Demo(args) => Ok(args.paths()),
-            Command::Completions(_) => Ok(Paths::default()),
-            Command::Man(args) => Ok(args.paths()),
+            Typed::Simplify(args) => args,
+            Typed::Convert(args) => args,
+            Typed::Info(args) => args,
+            Typed::Tiles(args) => args,
+            Typed::Extract(args) => args,
+            Typed::Refine(args) => args,
+            Typed::Measure(args) => args,
+            Typed::Compare(args) => args,
+            Typed::Render(args) => args,
+            Typed::Report(args) => args,
+            Typed::Synth(args) => args,
+            Typed::Serve(args) => args,
+            Typed::Status(args) => args,
+            Typed::Plan(args) => args.as_ref(),
+            Typed::Work(args) => args,
+            Typed::Demo(args) => args,
+            Typed::Completions(args) => args,
+            Typed::Man(args) => args,
         }
     }
 
-    /// Refuses paths that clash or cannot be used, before anything is written, the log included.
-    fn check_paths(&self, talk: &Talk) -> crate::Result<()> {
-        self.paths()?.with_option(Role::Log, "--log-file", talk.log_file.as_ref()).check()
-    }
-
-    /// Returns the options that can help against a failure of this command.
-    fn offers(&self) -> Offers {
-        match self {
-            Command::Simplify(_) | Command::Tiles(_) => Offers { resumes: true, temp_dir: true },
-            Command::Work(_) => Offers { resumes: true, temp_dir: false },
-            Command::Convert(_) | Command::Info(_) | Command::Measure(_) => {
-                Offers { resumes: false, temp_dir: true }
-            }
-            Command::Compare(_)
-            | Command::Extract(_)
-            | Command::Refine(_)
-            | Command::Render(_)
-            | Command::Report(_)
-            | Command::Synth(_)
-            | Command::Serve(_)
-            | Command::Status(_)
-            | Command::Plan(_)
-            | Command::Demo(_)
-            | Command::Completions(_)
-            | Command::Man(_) => Offers::default(),
-        }
-    }
-}
-
-fn dispatch(
-    command: &Command,
-    talk: &Talk,
-    progress: &Progress,
-    log: &mut Log,
-) -> crate::Result<u8> {
-    match command {
-        Command::Simplify(args) => simplify::run(args, talk, progress, log),
-        Command::Convert(args) => convert::run(args, progress, &mut Said(log)),
-        Command::Info(args) => info::run(args, &mut std::io::stdout(), progress),
-        Command::Tiles(args) => tiles::run(args, talk, progress, log),
-        Command::Extract(args) => extract::run(args, talk, progress, log),
-        Command::Refine(args) => refine::run(args, talk, progress, log),
-        Command::Measure(args) => measure::run(args, talk, progress, log).map(|()| 0),
-        Command::Compare(args) => compare::run(args, progress, log).map(|()| 0),
-        Command::Report(args) => report::run(args, progress, log).map(|()| 0),
-        Command::Render(args) => render::run(args, progress, &mut Said(log)).map(|()| 0),
-        Command::Synth(args) => synth::run(args, progress, &mut Said(log)).map(|()| 0),
-        Command::Serve(args) => serve::run(args, progress, log).map(|()| 0),
-        Command::Status(args) => status::run(args, progress).map(|()| 0),
-        Command::Plan(args) => plan::run(args, talk, log).map(|()| 0),
-        Command::Work(args) => {
-            let read_plan = |words: &[String]| match Typed::try_parse_from(words).ok()?.command {
-                Command::Plan(plan) => Some(plan),
-                _ => None,
-            };
-            work::run(args, &read_plan, talk, progress, log).map(|()| 0)
-        }
-        Command::Completions(args) => pages::completions(args, Typed::command()).map(|()| 0),
-        Command::Man(args) => pages::man(args, Typed::command()).map(|()| 0),
-        Command::Demo(args) => demo::run(args, log, |words, log| {
-            let typed = Typed::try_parse_from(words).map_err(|e| Error::Usage(e.to_string()))?;
-            typed.command.check_paths(talk)?;
-            dispatch(&typed.command, talk, progress, log)
-        }),
+    /// True if a caller in the same process can run it, too.
+    fn is_callable(&self) -> bool {
+        use Typed::{Convert, Info, Measure, Render, Simplify, Synth};
+        matches!(self, Simplify(_) | Measure(_) | Info(_) | Convert(_) | Render(_) | Synth(_))
     }
 }
 

@@ -1,6 +1,5 @@
 //! Options of `simplify` about vertices that lie near each other.
 
-use crate::error::{Error, Result};
 use crate::io::{Lock, Weld};
 
 /// Vertices and boundaries that are joined.
@@ -21,15 +20,6 @@ pub(super) struct TypedNear {
 }
 
 impl TypedNear {
-    /// Refuses what cannot be had together.
-    pub(super) fn check(&self, keeps_topology: bool) -> Result<()> {
-        if self.has_merge_distance() && keeps_topology {
-            let what = "--merge-distance changes the topology: not with --topology keep";
-            return Err(Error::Usage(what.to_owned()));
-        }
-        Ok(())
-    }
-
     /// Returns whether a distance was given under its older name.
     pub(super) fn has_merge_distance(&self) -> bool {
         self.merge_distance > 0.0

@@ -1,7 +1,6 @@
-//! `--bake-size` and `--bake-pages` of `simplify`, and where they mean nothing.
+//! `--bake-size` and `--bake-pages` of `simplify`.
 
 use crate::config::{BakeSettings, PAGE_SIZES};
-use crate::error::{Error, Result};
 
 /// The pages of a new texture.
 #[derive(Clone, Debug, clap::Args)]
@@ -36,17 +35,6 @@ impl TypedPages {
         self.all_given().next()
     }
 
-    /// Refuses both options beside options without a new texture; `typed` lists those.
-    pub(super) fn check(&self, typed: &[(&str, bool)]) -> Result<()> {
-        let without = typed.iter().find(|(_, is_given)| *is_given);
-        match (self.given(), without) {
-            (Some(option), Some((other, _))) => Err(Error::Usage(format!(
-                "{option} is for a new texture, which {other} does not make; leave it out, or choose --texture bake"
-            ))),
-            _ => Ok(()),
-        }
-    }
-
     /// A line for each option that has no effect where `--texture auto` makes no new texture; `may_follow` if one is made
     /// where the input's charts leave too many triangles.
     pub(super) fn notes(&self, may_follow: bool) -> Vec<String> {
@@ -77,6 +65,7 @@ impl TypedPages {
 mod tests {
     use super::*;
     use crate::cli::simplify::Args;
+    use crate::error::Error;
     use clap::Parser;
 
     #[derive(Parser)]

@@ -1,5 +1,7 @@
 //! `stonecut completions` and `stonecut man`: what shells and `man` know of the command line, made from itself.
 
+use super::answer::CommandEnd;
+use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::system::paths::{Paths, Role};
 use clap_complete::Shell;
@@ -25,30 +27,37 @@ pub struct Man {
     folder: PathBuf,
 }
 
-impl Man {
-    pub(super) fn paths(&self) -> Paths {
-        Paths::default().with(Role::TempDir, "DIR", &self.folder)
+impl Command for Completions {
+    fn paths(&self) -> Result<Paths> {
+        Ok(Paths::default())
+    }
+
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        let mut text = Vec::new();
+        clap_complete::generate(self.shell, &mut (session.line)(), "stonecut", &mut text);
+        std::io::stdout().write_all(&text).map_err(Error::stdout)?;
+        Ok(CommandEnd::plain())
     }
 }
 
-/// Prints completions of `command` on standard output.
-pub fn completions(args: &Completions, mut command: clap::Command) -> Result<()> {
-    let mut text = Vec::new();
-    clap_complete::generate(args.shell, &mut command, "stonecut", &mut text);
-    std::io::stdout().write_all(&text).map_err(Error::stdout)
-}
-
-/// Writes the pages of `command`: `stonecut.1`, `stonecut-simplify.1`, ...
-pub fn man(args: &Man, mut command: clap::Command) -> Result<()> {
-    let folder = &args.folder;
-    std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "cannot create folder", e))?;
-    command.build();
-    write_page(folder, "stonecut", command.clone())?;
-    for sub in command.get_subcommands().filter(|sub| sub.get_name() != "help") {
-        let name = format!("stonecut-{}", sub.get_name());
-        write_page(folder, &name, sub.clone())?;
+impl Command for Man {
+    fn paths(&self) -> Result<Paths> {
+        Ok(Paths::default().with(Role::TempDir, "DIR", &self.folder))
     }
-    Ok(())
+
+    /// Writes `stonecut.1`, `stonecut-simplify.1`, ...
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        let (folder, mut line) = (&self.folder, (session.line)());
+        std::fs::create_dir_all(folder)
+            .map_err(|e| Error::io(folder, "cannot create folder", e))?;
+        line.build();
+        write_page(folder, "stonecut", line.clone())?;
+        for sub in line.get_subcommands().filter(|sub| sub.get_name() != "help") {
+            let name = format!("stonecut-{}", sub.get_name());
+            write_page(folder, &name, sub.clone())?;
+        }
+        Ok(CommandEnd::plain())
+    }
 }
 
 fn write_page(folder: &Path, name: &str, command: clap::Command) -> Result<()> {
@@ -64,7 +73,7 @@ fn write_page(folder: &Path, name: &str, command: clap::Command) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use crate::cli::Typed;
+    use crate::cli::CommandLine;
     use clap::CommandFactory;
 
     fn check(command: &clap::Command) {
@@ -79,7 +88,7 @@ mod tests {
 
     #[test]
     fn every_command_and_every_option_has_a_help_text() {
-        let mut command = Typed::command();
+        let mut command = CommandLine::command();
         command.build();
         check(&command);
     }

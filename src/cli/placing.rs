@@ -15,7 +15,7 @@ pub(super) enum Up {
 
 /// A matrix, by columns.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Transform(pub(super) [f64; 16]);
+pub(super) struct TypedTransform(pub(super) [f64; 16]);
 
 /// Numbers joined by commas.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,11 +38,15 @@ pub struct TypedMoves {
 
 impl TypedMoves {
     /// Appends scale and shift, with a map between them.
-    pub(super) fn append(&self, placing: &mut Placing, between: Option<Transform>) -> Result<()> {
+    pub(super) fn append(
+        &self,
+        placing: &mut Placing,
+        between: Option<TypedTransform>,
+    ) -> Result<()> {
         if let Some(by) = self.scale {
             placing.scale(by);
         }
-        if let Some(Transform(matrix)) = between {
+        if let Some(TypedTransform(matrix)) = between {
             placing.then(&matrix);
         }
         if let Some(Shift(by)) = self.translate {
@@ -69,7 +73,7 @@ pub struct TypedPlacing {
     moves: TypedMoves,
     /// Transform the mesh: 16 numbers, column by column as in glTF, joined by commas; after --up and --scale.
     #[arg(long, value_name = "M16", value_parser = parse_transform, allow_hyphen_values = true)]
-    transform: Option<Transform>,
+    transform: Option<TypedTransform>,
 }
 
 impl TypedPlacing {
@@ -104,8 +108,8 @@ fn parse_shift(text: &str) -> std::result::Result<Shift, String> {
     numbers::<3>(text).map(Shift).ok_or_else(|| "three numbers: -500000,-4600000,0".to_owned())
 }
 
-pub(super) fn parse_transform(text: &str) -> std::result::Result<Transform, String> {
+pub(super) fn parse_transform(text: &str) -> std::result::Result<TypedTransform, String> {
     let fits = |m: &[f64; 16]| [m[3], m[7], m[11], m[15]] == [0.0, 0.0, 0.0, 1.0];
-    let matrix = numbers::<16>(text).filter(fits).map(Transform);
+    let matrix = numbers::<16>(text).filter(fits).map(TypedTransform);
     matrix.ok_or_else(|| "16 numbers by columns, the last row 0,0,0,1".to_owned())
 }

@@ -1,6 +1,8 @@
 //! `stonecut plan`: a job for many machines, decided and written down; the graph of its units for whoever starts them.
 
-use super::log::{Log, Talk};
+use super::answer::CommandEnd;
+use super::log::Log;
+use super::session::{Command, Session};
 use super::simplify;
 use crate::config::{Config, Level, Texture};
 use crate::error::{Error, Result};
@@ -40,11 +42,17 @@ pub struct Args {
 /// The most elements of a job array of Slurm, unless it was set up otherwise (`MaxArraySize`).
 const ARRAY: u32 = 1000;
 
-impl Args {
-    pub(super) fn paths(&self) -> Result<Paths> {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         self.simplify.paths_in(&self.job().units_folder())
     }
 
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        freeze(self, session.log).map(|()| CommandEnd::plain())
+    }
+}
+
+impl Args {
     /// The paths as `work` has them: those that were typed in `folder`, and the folder of the job.
     pub(super) fn paths_of_work(&self, job_folder: &Path, folder: &Path) -> Result<Paths> {
         let units = UnitJob::new(job_folder, &Disk::default(), Duration::ZERO).units_folder();
@@ -87,7 +95,7 @@ fn if_not_stream(folder: &Path, path: &Path) -> PathBuf {
 }
 
 /// Freezes the job and prints its graph on standard output.
-pub fn run(args: &Args, _: &Talk, log: &mut Log) -> Result<()> {
+fn freeze(args: &Args, log: &mut Log) -> Result<()> {
     if args.simplify.is_plan_only() || args.simplify.has_temp_dir() {
         let what = "--dry-run and --temp-dir are not for a job in units; JOBDIR says where it lies";
         return Err(Error::Usage(what.to_owned()));

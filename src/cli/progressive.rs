@@ -1,7 +1,6 @@
-//! `--progressive` of `simplify`, and what cannot be recorded.
+//! `--progressive` of `simplify`.
 
 use crate::config::Progressive;
-use crate::error::{Error, Result};
 use std::path::PathBuf;
 
 /// A progressive mesh beside the result.
@@ -19,14 +18,8 @@ pub(super) struct TypedProgressive {
 }
 
 impl TypedProgressive {
-    /// The settings; `typed` lists options that do not go with it.
-    pub(super) fn settings(&self, typed: &[(&str, bool)]) -> Result<Option<Progressive>> {
-        let Some(path) = self.progressive.clone() else { return Ok(None) };
-        match typed.iter().find(|(_, is_given)| *is_given) {
-            Some((option, _)) => Err(Error::Usage(format!(
-                "--progressive records collapses of one finish: not with {option}"
-            ))),
-            None => Ok(Some(Progressive { path, bits: self.progressive_bits })),
-        }
+    pub(super) fn settings(&self) -> Option<Progressive> {
+        let path = self.progressive.clone()?;
+        Some(Progressive { path, bits: self.progressive_bits })
     }
 }

@@ -1,9 +1,10 @@
 //! `stonecut refine`: a mesh of any count out of a progressive mesh.
 
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
-use super::display::watch;
-use super::log::{EXIT_SHORT, Log, Talk};
 use super::outcome::write_json;
+use super::placing::numbers;
+use super::session::{Command, Session};
 use crate::error::Result;
 use crate::io::OutputFormat;
 use crate::pipeline::refine::{RefineConfig, Shown, Wanted, refine, show};
@@ -11,7 +12,6 @@ use crate::progressive::View;
 use crate::report::{Slider, slider_html};
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::{Place, Seen, write_whole};
-use crate::system::progress::Progress;
 use crate::system::units::{parse_count, show_bytes};
 use std::path::{Path, PathBuf};
 
@@ -65,10 +65,7 @@ pub struct Args {
 struct Eye([f64; 7]);
 
 fn parse_view(text: &str) -> std::result::Result<Eye, String> {
-    let parse = |word: &str| word.trim().parse().ok().filter(|x: &f64| x.is_finite());
-    let list: Option<Vec<f64>> = text.split(',').map(parse).collect();
-    let numbers: Option<[f64; 7]> = list.and_then(|list| list.try_into().ok());
-    match numbers {
+    match numbers::<7>(text) {
         Some(view) if view[..3] == view[3..6] => {
             Err("the eye and the place that it looks at are the same".to_owned())
         }
@@ -94,8 +91,30 @@ impl Args {
             (n, _) => Wanted::Triangles(n.unwrap_or(u64::MAX)),
         }
     }
+}
 
-    pub(super) fn paths(&self) -> Result<Paths> {
+/// Writes the page with the slider.
+fn write_page(args: &Args, page: &Path, session: &mut Session) -> Result<CommandEnd> {
+    super::arguments::warn_of_limit(args.memory, session.log);
+    let (memory_bytes, progress) = (memory_budget(args.memory), session.progress);
+    let Shown { triangles, slides } =
+        session.watch(|| show(&args.input, memory_bytes, progress))?;
+    let title = args.input.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let text = slider_html(&title, &Slider { triangles, slides });
+    let place = Place { replace: args.force, ..Place::from(page) };
+    write_whole(place, text.as_bytes())?;
+    session.log.say(format!(
+        "{}: {} to {} triangles, {}",
+        page.display(),
+        triangles[0],
+        triangles[1],
+        show_bytes(text.len() as u64)
+    ));
+    Ok(CommandEnd::plain())
+}
+
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         if let Some(output) = &self.output {
             self.format.check(output)?;
         }
@@ -108,52 +127,30 @@ impl Args {
             .with_option(Role::Output, "--page", self.page.as_ref())
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref()))
     }
+
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        match (&self.output, &self.page) {
+            (Some(output), _) => write_mesh(self, output, session),
+            (None, Some(page)) => write_page(self, page, session),
+            (None, None) => unreachable!("one of both is required"),
+        }
+    }
 }
 
-/// Writes the page with the slider.
-fn write_page(
-    args: &Args,
-    page: &Path,
-    talk: &Talk,
-    progress: &Progress,
-    log: &mut Log,
-) -> Result<u8> {
-    let memory_bytes = memory_budget(args.memory);
-    let Shown { triangles, slides } =
-        watch(talk, progress, log, || show(&args.input, memory_bytes, progress))?;
-    let title = args.input.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let text = slider_html(&title, &Slider { triangles, slides });
-    let place = Place { replace: args.force, ..Place::from(page) };
-    write_whole(place, text.as_bytes())?;
-    log.say(format!(
-        "{}: {} to {} triangles, {}",
-        page.display(),
-        triangles[0],
-        triangles[1],
-        show_bytes(text.len() as u64)
-    ));
-    Ok(0)
-}
-
-/// Runs the command and gives its exit code.
-pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
+fn write_mesh(args: &Args, output: &Path, session: &mut Session) -> Result<CommandEnd> {
+    let progress = session.progress;
     let report_to = args.report.as_deref().map(Seen::new);
-    super::arguments::warn_of_limit(args.memory, log);
-    let Some(output) = &args.output else {
-        return match &args.page {
-            Some(page) => write_page(args, page, talk, progress, log),
-            None => unreachable!("one of both is required"),
-        };
-    };
+    super::arguments::warn_of_limit(args.memory, session.log);
     let config = RefineConfig {
         input: args.input.clone(),
-        output: output.clone(),
+        output: output.to_path_buf(),
         format: args.format,
         wanted: args.wanted(),
         force: args.force,
         memory_bytes: memory_budget(args.memory),
     };
-    let done = watch(talk, progress, log, || refine(&config, progress))?;
+    let done = session.watch(|| refine(&config, progress))?;
+    let log = &mut *session.log;
     log.say(format!(
         "{}: {} triangles, {} vertices, {}, from {} of the progressive mesh",
         config.output.display(),
@@ -183,7 +180,6 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
             "{} triangles were asked for; the coarsest mesh of the file has {}",
             target, done.input.coarsest
         ));
-        return Ok(EXIT_SHORT);
     }
-    Ok(0)
+    CommandEnd::of(&done, !done.target_met)
 }

@@ -1,6 +1,9 @@
 //! `stonecut render`: a picture of a mesh.
 
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
+use super::placing::numbers;
+use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::io::ply::{FaceBlock, MeshSource, Place, VertexBlock};
 use crate::mesh::Mesh;
@@ -12,6 +15,7 @@ use crate::system::disk::folder_of;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
 use crate::system::units::{memory_word, show_bytes, show_count};
+use serde_json::json;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -79,32 +83,37 @@ pub struct Args {
 /// The word of `--color-by` that is not a property.
 const TEXTURE: &str = "texture";
 
-impl Args {
-    pub(super) fn paths(&self) -> Result<Paths> {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         let inputs = |paths, mesh| Paths::with(paths, Role::Input, "MESH", mesh);
         self.output_paths(self.mesh.iter().fold(Paths::new(self.force), inputs))
     }
 
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        let progress = session.progress;
+        let (picture, n_triangles) = picture(self, progress)?;
+        progress.check()?;
+        write(self, &picture)?;
+        session.warn_of_notes();
+        session.log.say(format!(
+            "{}: {}x{} pixels, {} triangles",
+            self.output.display(),
+            picture.width,
+            picture.height,
+            show_count(n_triangles)
+        ));
+        CommandEnd::whole(
+            &json!({ "output": { "path": self.output }, "losses": progress.losses() }),
+        )
+    }
+}
+
+impl Args {
     /// The same with these in place of the meshes.
     pub(super) fn output_paths(&self, paths: Paths) -> Result<Paths> {
         super::arguments::require_ending("--output", &self.output, &["png"])?;
         Ok(paths.with(Role::Output, "--output", &self.output))
     }
-}
-
-/// Renders and writes the picture, and tells on `log` what was done.
-pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<()> {
-    args.paths()?.check()?;
-    let (picture, n_triangles) = picture(args, progress)?;
-    progress.check()?;
-    write(args, &picture)?;
-    let (output, n) = (args.output.display(), show_count(n_triangles));
-    for line in progress.take_notes() {
-        let _ = writeln!(log, "warning: {line}");
-    }
-    // A closed standard error is not a reason to fail: the picture is there.
-    let _ = writeln!(log, "{output}: {}x{} pixels, {n} triangles", picture.width, picture.height);
-    Ok(())
 }
 
 /// Writes the picture where that was asked for.
@@ -245,8 +254,7 @@ fn parse_direction(text: &str) -> Result<Direction, String> {
         "top" => Direction::From([0.0, 0.0, 1.0]),
         "bottom" => Direction::From([0.0, 0.0, -1.0]),
         _ => {
-            let numbers: [f64; 3] =
-                parse_numbers(text).and_then(|n| n.try_into().ok()).ok_or_else(complaint)?;
+            let numbers = numbers::<3>(text).ok_or_else(complaint)?;
             if numbers == [0.0; 3] {
                 return Err(complaint());
             }
@@ -256,8 +264,7 @@ fn parse_direction(text: &str) -> Result<Direction, String> {
 }
 
 fn parse_sphere(text: &str) -> Result<Sphere, String> {
-    let numbers: Option<[f64; 4]> = parse_numbers(text).and_then(|n| n.try_into().ok());
-    match numbers {
+    match numbers::<4>(text) {
         Some([x, y, z, radius]) if radius > 0.0 => Ok(Sphere { centre: [x, y, z], radius }),
         _ => Err(format!("invalid sphere '{text}': write x,y,z,r with a radius r above 0")),
     }
@@ -266,11 +273,6 @@ fn parse_sphere(text: &str) -> Result<Sphere, String> {
 fn parse_scale_end(text: &str) -> Result<f64, String> {
     let end = text.parse().ok().filter(|x: &f64| x.is_finite() && *x > 0.0);
     end.ok_or_else(|| format!("'{text}' is not the end of a scale; write a number above 0"))
-}
-
-fn parse_numbers(text: &str) -> Option<Vec<f64>> {
-    let number = |part: &str| part.trim().parse::<f64>().ok().filter(|x| x.is_finite());
-    text.split(',').map(number).collect()
 }
 
 #[cfg(test)]

@@ -1,7 +1,9 @@
 //! `stonecut report`: a page for people from the JSON of a run.
 
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory, require_ending, threads};
 use super::log::Log;
+use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::io::ply::Place;
 use crate::pipeline::refine::{Shown, show};
@@ -41,8 +43,8 @@ pub struct Args {
     threads: Option<NonZeroUsize>,
 }
 
-impl Args {
-    pub(super) fn paths(&self) -> Result<Paths> {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         require_ending("--output", &self.output, &["html", "htm"])?;
         Ok(Paths::new(self.force)
             .with(Role::InputFile, "REPORT", &self.report)
@@ -50,10 +52,13 @@ impl Args {
             .with_option(Role::InputFile, "--progressive", self.progressive.as_ref())
             .with(Role::Output, "--output", &self.output))
     }
+
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        write_page(self, session.progress, session.log).map(|()| CommandEnd::plain())
+    }
 }
 
-/// Writes the page.
-pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
+fn write_page(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     let memory_bytes = memory_budget(args.memory);
     let resources = Resources { memory_bytes, threads: threads(args.threads).get() };
     let progressive = match &args.progressive {

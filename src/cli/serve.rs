@@ -4,7 +4,9 @@
 //! below the folder after all links are followed. Does not list folders. `hyper` speaks HTTP/1.1, `tower-http` answers
 //! from files: types, ranges, dates.
 
+use super::answer::CommandEnd;
 use super::log::Log;
+use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
@@ -49,14 +51,18 @@ pub struct Args {
     port: u16,
 }
 
-impl Args {
-    pub(super) fn paths(&self) -> Paths {
-        Paths::default().with(Role::InputFolder, "FOLDER", &self.folder)
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
+        Ok(Paths::default().with(Role::InputFolder, "FOLDER", &self.folder))
+    }
+
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        offer(self, session.progress, session.log).map(|()| CommandEnd::plain())
     }
 }
 
-/// Runs the command until it is stopped.
-pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
+/// Offers the folder until the command is stopped.
+fn offer(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     let reading = |e| Error::reading(&args.folder, "cannot open", e);
     let root = args.folder.canonicalize().map_err(reading)?;
     let at = SocketAddr::new(args.address, args.port);

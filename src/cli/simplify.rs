@@ -1,32 +1,30 @@
 //! `stonecut simplify`: the main job.
 
-use super::answer::{Answer, json_of};
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
-use super::display::watch;
+use super::conflicts::{Mode, Row, check};
 use super::faces::TypedFaces;
-use super::job::{done_before, run_job, stages_done};
+use super::job::{ReadyJob, done_before, prepare, run_job, stages_done};
 use super::levels::TypedTarget;
-use super::log::{EXIT_SHORT, Log, Talk};
-use super::method::{self, TypedMethod, Wishes};
+use super::method::{MethodName, TypedMethod};
 use super::near::TypedNear;
 use super::new_texture::TypedPages;
 use super::outcome::{is_short, tell, write_early, write_report};
 use super::placing::TypedPlacing;
 use super::progressive::TypedProgressive;
+use super::session::{Command, Session};
 use crate::config::{
-    Attributes, Config, DEFAULT_CELL_TRIANGLES, FEATURE_ANGLE, Level, Method, MinComponent,
-    Normals, Texture, Until,
+    Attributes, CheckOptions, Config, DEFAULT_CELL_TRIANGLES, JobOptions, Level, MinComponent,
+    Normals, Texture,
 };
-use crate::error::{Error, Result};
+use crate::error::{Error, Offers, Result};
 use crate::io::{OutputFormat, TextureMode};
 use crate::kernel;
 use crate::mesh::attribute_weights::Weights;
 use crate::pipeline;
-use crate::pipeline::run_report::RunReport;
 use crate::stages::stitch::MAX_CELL_TRIANGLES;
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::Seen;
-use crate::system::progress::Progress;
 use serde_json::json;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -58,18 +56,8 @@ pub struct Args {
     /// Folder in which the job folder is made [default: beside OUTPUT].
     #[arg(long, value_name = "DIR")]
     temp_dir: Option<PathBuf>,
-    /// Keep the job folder after success.
-    #[arg(long)]
-    keep_temp: bool,
-    /// Stop after this stage; the same command without it continues.
-    #[arg(long, value_enum, value_name = "STAGE")]
-    until: Option<Until>,
-    /// Replace OUTPUT if it exists.
-    #[arg(long)]
-    force: bool,
-    /// Throw away what an earlier run left and start over.
-    #[arg(long)]
-    restart: bool,
+    #[command(flatten)]
+    job: JobOptions,
     /// Words joined by commas: ascii, binary_little_endian or binary_big_endian; float or double; int or
     /// uint; ply, stl, obj or glb [default: by OUTPUT's name, binary].
     #[arg(long, value_name = "FORMAT", default_value = "")]
@@ -142,13 +130,8 @@ pub struct Args {
     /// Write a report in JSON.
     #[arg(long, value_name = "FILE")]
     pub(super) report: Option<PathBuf>,
-    /// Measure how far the result deviates from the input, and report it. The input is the whole one, with what
-    /// --min-component drops; --max-error leaves that out.
-    #[arg(long)]
-    verify: bool,
-    /// Write the vertices on the seams of the first round, as a point set.
-    #[arg(long, value_name = "FILE")]
-    seams: Option<PathBuf>,
+    #[command(flatten)]
+    checks: CheckOptions,
 }
 
 /// The choices of `--texture`.
@@ -198,13 +181,8 @@ enum TypedPlacement {
 impl Args {
     /// Turns the options that were typed into decided settings.
     pub fn config(&self) -> Result<Config> {
-        self.check_method()?;
-        self.pages.check(&[
-            ("--texture keep", self.texture == TypedTexture::Keep),
-            ("--texture none", self.texture == TypedTexture::None),
-            ("--drop-texture", self.drop_texture),
-            ("--progressive", self.progressive.progressive.is_some()),
-        ])?;
+        self.method.check()?;
+        self.check_conflicts()?;
         let max_error = self.target.max_error;
         let mut levels = self.levels()?;
         let Level { target, output } = levels.remove(0);
@@ -215,32 +193,11 @@ impl Args {
             )));
         }
         let keeps_topology = self.topology == TypedTopology::Keep;
-        self.near.check(keeps_topology)?;
-        if max_error.is_some() && self.seams.is_some() {
-            let what = "--max-error may take several runs: not with --seams";
-            return Err(Error::Usage(what.to_owned()));
-        }
-        let progressive = self.progressive.settings(&[
-            ("--max-error", max_error.is_some()),
-            ("--lock", self.near.lock().is_some()),
-            ("a list of targets", !levels.is_empty()),
-            ("--topology keep", self.topology == TypedTopology::Keep),
-            ("--fit on", self.fit == TypedFit::On),
-            ("--normals recompute", self.normals == Normals::Recompute),
-            ("--texture bake", self.texture == TypedTexture::Bake),
-            ("--bake-normals", self.bake_normals),
-        ])?;
+        let progressive = self.progressive.settings();
         let placing = self.placing.placing(self.format.kind_of(&output))?;
         Ok(Config {
-            input: self.input.clone(),
-            textures_beside: output.clone(),
-            output,
-            target,
             coarser: levels,
-            method: self.method.method,
-            feature_angle: self.method.feature_angle.unwrap_or(FEATURE_ANGLE),
-            gradation: self.method.gradation.unwrap_or(0.0),
-            manifold: self.method.manifold,
+            method: self.method.settings(),
             optimize: self.method.optimize,
             weld: self.near.weld(),
             lock: self.near.lock(),
@@ -249,13 +206,8 @@ impl Args {
             threads: super::arguments::threads(self.threads),
             cell_triangles: self.cell_triangles,
             job_folder: self.job_folder()?,
-            keep_temp: self.keep_temp,
-            trial_of: None,
-            until: self.until,
-            force: self.force,
-            restart: self.restart,
-            seams: self.seams.clone(),
-            verify: self.verify,
+            job: self.job,
+            checks: self.checks.clone(),
             format: self.format,
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture || self.texture == TypedTexture::None,
@@ -273,7 +225,6 @@ impl Args {
             error_field: self.error_field,
             progressive: progressive.clone(),
             min_component: self.min_component,
-            checkpoint_every: crate::config::CHECKPOINT_EVERY,
             attributes: Attributes {
                 weights: self.weight.clone(),
                 labels: self.near.labels(&self.label),
@@ -306,80 +257,71 @@ impl Args {
                 }),
                 ..kernel::Options::default()
             },
+            ..Config::new(&self.input, output, target)
         })
     }
 }
 
 impl Args {
+    /// Refuses options that do not go with each other.
+    fn check_conflicts(&self) -> Result<()> {
+        use Mode::{Joining, Method as Other, Optimize, Pages, Pairs, Progressive, Seams};
+        let (target, near, pages, texture) = (&self.target, &self.near, &self.pages, self.texture);
+        let bakes = texture == TypedTexture::Bake;
+        let keeps_topology = self.topology == TypedTopology::Keep;
+        let places_subset = self.placement == TypedPlacement::Subset;
+        let records = self.progressive.progressive.is_some();
+        let is_other = self.method.method != MethodName::Collapse;
+        let given = |is_given: bool| is_given.then_some("");
+        let modes = [
+            (Optimize, given(self.method.optimize.is_some())),
+            (Pairs, given(self.method.pairs)),
+            (Other, is_other.then(|| self.method.settings().name())),
+            (Pages, pages.given()),
+            (Joining, given(near.has_merge_distance())),
+            (Seams, given(self.checks.seams.is_some())),
+            (Progressive, given(records)),
+        ];
+        let options: [Row; 28] = [
+            (
+                "--max-error",
+                target.max_error.is_some(),
+                &[Optimize, Pairs, Other, Seams, Progressive],
+            ),
+            ("--lock", near.lock().is_some(), &[Optimize, Pairs, Other, Progressive]),
+            ("a list of targets", target.is_chain(), &[Optimize, Pairs, Other, Progressive]),
+            ("--topology keep", keeps_topology, &[Pairs, Joining, Progressive]),
+            ("--placement subset", places_subset, &[Optimize, Pairs]),
+            ("--placement midpoint", self.placement == TypedPlacement::Midpoint, &[Pairs]),
+            ("--fit on", self.fit == TypedFit::On, &[Pairs, Progressive]),
+            ("--normals recompute", self.normals == Normals::Recompute, &[Progressive]),
+            ("--cell-triangles", self.cell_triangles != DEFAULT_CELL_TRIANGLES, &[Other]),
+            ("--until", self.job.until.is_some(), &[Optimize, Pairs, Other]),
+            ("--min-component", self.min_component.is_some(), &[Other]),
+            ("--weight", self.weight != Weights::default(), &[Other]),
+            ("--topology", keeps_topology, &[Other]),
+            ("--fit", self.fit != TypedFit::Auto, &[Other]),
+            ("--placement", self.placement != TypedPlacement::Optimal, &[Other]),
+            ("--merge-distance", near.has_merge_distance(), &[Other]),
+            ("--pairs", self.method.pairs, &[Other]),
+            ("--seams", self.checks.seams.is_some(), &[Optimize, Pairs, Other]),
+            ("--progressive", records, &[Optimize, Pairs, Other, Pages]),
+            ("--no-self-intersections", self.no_self_intersections, &[Optimize, Pairs, Other]),
+            ("--textures", self.textures.is_some(), &[Other]),
+            ("--texture keep", texture == TypedTexture::Keep, &[Other, Pages]),
+            ("--texture none", texture == TypedTexture::None, &[Pages]),
+            ("--drop-texture", self.drop_texture, &[Pages]),
+            ("--texture bake", bakes, &[Optimize, Pairs, Other, Progressive]),
+            ("--bake-size", pages.bake_size.is_some(), &[Other]),
+            ("--bake-pages", pages.bake_pages.is_some(), &[Other]),
+            ("--bake-normals", self.bake_normals, &[Other, Progressive]),
+        ];
+        check(&modes, &options)
+    }
+
     /// The levels of the run, finest first; one, unless a chain was asked for.
     fn levels(&self) -> Result<Vec<Level>> {
         self.target.levels(&self.output, self.method.grid)
-    }
-
-    /// Refuses what the chosen method has no use for.
-    fn check_method(&self) -> Result<()> {
-        self.method.check_optimize(&[
-            ("--max-error", self.target.max_error.is_some()),
-            ("a list of targets", self.target.is_chain()),
-            ("--until", self.until.is_some()),
-            ("--lock", self.near.lock().is_some()),
-            ("--seams", self.seams.is_some()),
-            ("--progressive", self.progressive.progressive.is_some()),
-            ("--no-self-intersections", self.no_self_intersections),
-            ("--texture bake", self.texture == TypedTexture::Bake),
-            ("--placement subset", self.placement == TypedPlacement::Subset),
-        ])?;
-        self.method.check_pairs(&[
-            ("--max-error", self.target.max_error.is_some()),
-            ("a list of targets", self.target.is_chain()),
-            ("--topology keep", self.topology == TypedTopology::Keep),
-            ("--placement subset", self.placement == TypedPlacement::Subset),
-            ("--placement midpoint", self.placement == TypedPlacement::Midpoint),
-            ("--fit on", self.fit == TypedFit::On),
-            ("--until", self.until.is_some()),
-            ("--lock", self.near.lock().is_some()),
-            ("--seams", self.seams.is_some()),
-            ("--progressive", self.progressive.progressive.is_some()),
-            ("--no-self-intersections", self.no_self_intersections),
-            ("--texture bake", self.texture == TypedTexture::Bake),
-        ])?;
-        self.method.check(&[
-            ("--max-error", self.target.max_error.is_some()),
-            ("a list of targets", self.target.is_chain()),
-            ("--cell-triangles", self.cell_triangles != DEFAULT_CELL_TRIANGLES),
-            ("--until", self.until.is_some()),
-            ("--lock", self.near.lock().is_some()),
-            ("--min-component", self.min_component.is_some()),
-            ("--weight", self.weight != Weights::default()),
-            ("--topology", self.topology != TypedTopology::Error),
-            ("--fit", self.fit != TypedFit::Auto),
-            ("--placement", self.placement != TypedPlacement::Optimal),
-            ("--merge-distance", self.near.has_merge_distance()),
-            ("--pairs", self.method.pairs),
-            ("--no-self-intersections", self.no_self_intersections),
-            ("--seams", self.seams.is_some()),
-            ("--progressive", self.progressive.progressive.is_some()),
-            ("--textures", self.textures.is_some()),
-            ("--texture keep", self.texture == TypedTexture::Keep),
-            ("--texture bake", self.texture == TypedTexture::Bake),
-            ("--bake-size", self.pages.bake_size.is_some()),
-            ("--bake-pages", self.pages.bake_pages.is_some()),
-            ("--bake-normals", self.bake_normals),
-        ])
-    }
-
-    /// The exit code of an earlier run that has done the same; its report proves it.
-    pub(super) fn done_before(&self) -> Option<u8> {
-        let report = self.report.as_ref().filter(|path| path.exists())?;
-        if self.force || self.restart || self.dry_run || self.until.is_some() {
-            return None;
-        }
-        done_before(&self.config().ok()?, report)
-    }
-
-    /// Wishes that are not settings of the run.
-    fn wishes(&self) -> Wishes<'_> {
-        Wishes { dry_run: self.dry_run, report: self.report.as_deref() }
     }
 
     /// The job folder, of the first level in a chain.
@@ -403,106 +345,94 @@ impl Args {
         self.temp_dir.is_some()
     }
 
-    pub(super) fn paths(&self) -> Result<Paths> {
-        self.paths_in(&self.job_folder()?)
-    }
-
     /// The paths of a job in this folder.
     pub(super) fn paths_in(&self, job_folder: &Path) -> Result<Paths> {
         self.format.check(&self.output)?;
-        if let Some(seams) = &self.seams {
+        if let Some(seams) = &self.checks.seams {
             super::arguments::require_ending("--seams", seams, &["ply"])?;
         }
         // What a killed run of the same command has written is found by the run itself.
-        let may_be_ours = !self.restart && pipeline::has_begun_to_write(job_folder, &self.output);
+        let may_be_ours =
+            !self.job.restart && pipeline::has_begun_to_write(job_folder, &self.output);
         let outputs = self.levels()?.into_iter().map(|level| level.output);
-        let paths = Paths::new(self.force || may_be_ours).with(Role::Input, "INPUT", &self.input);
-        let progressive = self.progressive.progressive.as_ref();
+        let paths =
+            Paths::new(self.job.force || may_be_ours).with(Role::Input, "INPUT", &self.input);
         let paths = outputs.fold(paths, |paths, output| paths.with(Role::Output, "OUTPUT", output));
         Ok(paths
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
-            .with_option(Role::Side(Kind::Seams), "--seams", self.seams.as_ref())
-            .with_option(Role::Side(Kind::Progressive), "--progressive", progressive)
+            .with_option(Role::Side(Kind::Seams), "--seams", self.checks.seams.as_ref())
+            .with_option(
+                Role::Side(Kind::Progressive),
+                "--progressive",
+                self.progressive.progressive.as_ref(),
+            )
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
             .with(Role::JobFolder, "the job folder", job_folder))
     }
 }
 
-/// Runs the command and gives its exit code.
-pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
-    match simplify(args, talk, progress, log)? {
-        Some(report) if is_short(&report) => Ok(EXIT_SHORT),
-        _ => Ok(0),
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
+        self.paths_in(&self.job_folder()?)
     }
-}
 
-/// Runs the job, or only plans it, without a word.
-pub(super) fn call(args: &Args, progress: &Progress) -> Result<Answer> {
-    let report_to = args.report.as_deref().map(Seen::new);
-    let config = args.config()?;
-    if config.method != Method::Collapse {
-        return method::call(args.wishes(), &config, progress);
+    fn offers(&self) -> Offers {
+        Offers { resumes: true, temp_dir: true }
     }
-    let prepared = pipeline::prepare(&config)?;
-    if args.dry_run {
-        let end = json!({ "dry_run": true, "plan": prepared.plan });
-        write_early(report_to.as_ref(), &config, end, progress)?;
-        return Ok(Answer { report: json_of(&prepared.plan)?, is_short: false });
-    }
-    let Some(report) = run_job(prepared, &config, progress)? else {
-        return Ok(Answer { report: serde_json::Value::Null, is_short: false });
-    };
-    if let Some(to) = &report_to {
-        write_report(to, &report)?;
-    }
-    Ok(Answer { report: json_of(&report.written())?, is_short: is_short(&report) })
-}
 
-/// Prints the plan, runs the job, prints and writes the report.
-pub fn simplify(
-    args: &Args,
-    talk: &Talk,
-    progress: &Progress,
-    log: &mut Log,
-) -> Result<Option<RunReport>> {
-    let report_to = args.report.as_deref().map(Seen::new);
-    let config = args.config()?;
-    super::arguments::warn_of_limit(args.memory, log);
-    args.target.warn_of_one(log);
-    if config.method != Method::Collapse {
-        return method::simplify(args.wishes(), &config, talk, progress, log);
+    fn done_before(&self) -> Option<(u8, String)> {
+        let report = self.report.as_ref().filter(|path| path.exists())?;
+        if self.job.force || self.job.restart || self.dry_run || self.job.until.is_some() {
+            return None;
+        }
+        let output = self.output.display();
+        let line = format!("{output}: already done with the same settings; --force does it again");
+        done_before(&self.config().ok()?, report).map(|code| (code, line))
     }
-    let prepared = pipeline::prepare(&config)?;
-    log.plan(prepared.plan.lines(&config), &prepared.plan);
-    if prepared.texture == Texture::Keep {
-        args.pages.notes(prepared.can_bake).into_iter().for_each(|line| log.say(line));
+
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        let report_to = self.report.as_deref().map(Seen::new);
+        let config = self.config()?;
+        super::arguments::warn_of_limit(self.memory, session.log);
+        self.target.warn_of_one(session.log);
+        let progress = session.progress;
+        let ready = session.watch(|| prepare(&config, progress))?;
+        let (lines, plan) = ready.plan(&config);
+        session.log.plan(lines, &plan);
+        if let ReadyJob::Collapse(ready) = &ready
+            && ready.config.texture == Texture::Keep
+        {
+            let notes = self.pages.notes(ready.retry.is_some());
+            notes.into_iter().for_each(|line| session.log.say(line));
+        }
+        if self.dry_run {
+            let end = json!({ "dry_run": true, "plan": plan });
+            write_early(report_to.as_ref(), &config, end, progress)?;
+            return CommandEnd::whole(&plan);
+        }
+        let Some(report) = session.watch(|| run_job(ready, &config, progress))? else {
+            session.log.say(format!(
+                "stopped as asked; the same command without --until continues. State: {}",
+                config.job_folder.display()
+            ));
+            let stages_done = stages_done(&config);
+            let end = json!({ "stages_done": stages_done, "job_folder": config.job_folder });
+            write_early(report_to.as_ref(), &config, end, progress)?;
+            return Ok(CommandEnd::plain());
+        };
+        tell(&report, session.talk, session.log);
+        if let Some(to) = &report_to {
+            write_report(to, &report)?;
+        }
+        CommandEnd::of(&report.written(), is_short(&report))
     }
-    if args.dry_run {
-        let end = json!({ "dry_run": true, "plan": prepared.plan });
-        write_early(report_to.as_ref(), &config, end, progress)?;
-        return Ok(None);
-    }
-    let outcome = watch(talk, progress, log, || run_job(prepared, &config, progress));
-    let Some(report) = outcome? else {
-        log.say(format!(
-            "stopped as asked; the same command without --until continues. State: {}",
-            config.job_folder.display()
-        ));
-        let end = json!({ "stages_done": stages_done(&config), "job_folder": config.job_folder });
-        write_early(report_to.as_ref(), &config, end, progress)?;
-        return Ok(None);
-    };
-    tell(&report, talk, log);
-    if let Some(to) = &report_to {
-        write_report(to, &report)?;
-    }
-    Ok(Some(report))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::store::pack_format::ALWAYS_WIDE;
+    use crate::system::progress::Progress;
     use clap::Parser;
     use std::path::Path;
 
@@ -521,7 +451,7 @@ mod tests {
         let config = Typed::parse_from(words).args.config().unwrap();
         let prepared = pipeline::prepare(&config).unwrap();
         let disk = crate::system::disk::Disk::default();
-        pipeline::simplify_on(&disk, prepared, &config, &Progress::default()).unwrap();
+        pipeline::simplify_on(&disk, prepared, &Progress::default()).unwrap();
         let mesh = std::fs::read(&output).unwrap();
         std::fs::remove_file(&output).unwrap();
         (mesh, disk.bytes_written())

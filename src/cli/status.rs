@@ -1,6 +1,8 @@
 //! `stonecut status`: what a job folder holds.
 
+use super::answer::CommandEnd;
 use super::pace::Pace;
+use super::session::{Command, Session};
 use super::terminal::shown;
 use crate::error::{Error, Result};
 use crate::pipeline::units::{Standing, standing};
@@ -33,14 +35,18 @@ pub struct Args {
 /// Time between two looks at a job that is followed.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
-impl Args {
-    pub(super) fn paths(&self) -> Paths {
-        Paths::default().with(Role::InputFolder, "JOBDIR", &self.folder)
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
+        Ok(Paths::default().with(Role::InputFolder, "JOBDIR", &self.folder))
+    }
+
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        show(self, session.progress).map(|()| CommandEnd::plain())
     }
 }
 
 /// Prints the status on standard output.
-pub fn run(args: &Args, progress: &Progress) -> Result<()> {
+fn show(args: &Args, progress: &Progress) -> Result<()> {
     if UnitJob::is_in(&args.folder) {
         return units(args, progress);
     }

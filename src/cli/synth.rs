@@ -1,11 +1,15 @@
 //! `stonecut synth`: makes a synthetic scan.
 
+use super::answer::CommandEnd;
+use super::log::Said;
+use super::session::{Command, Session};
 use crate::error::Result;
 use crate::io::OutputFormat;
 use crate::synth::{self, Kind, Settings, Writing};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
 use crate::system::units::{parse_count, show_bytes, show_count};
+use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
@@ -58,16 +62,25 @@ pub struct Args {
     pub threads: Option<NonZeroUsize>,
 }
 
-impl Args {
-    pub(super) fn paths(&self) -> Result<Paths> {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         self.format.check(&self.output)?;
         Ok(Paths::new(self.force).with(Role::Output, "OUTPUT", &self.output))
     }
+
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        let made = make(self, session.progress)?;
+        say(self, &made, &mut Said(session.log));
+        CommandEnd::whole(&serde_json::json!({
+            "output": {
+                "path": self.output, "vertices": made.n_vertices, "triangles": made.n_triangles,
+                "images": made.n_images,
+            },
+        }))
+    }
 }
 
-/// Makes the mesh and tells on standard error what was made.
-pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<()> {
-    let counts = make(args, progress)?;
+fn say(args: &Args, counts: &synth::Counts, log: &mut Said) {
     let bytes = std::fs::metadata(&args.output).map_or(0, |file| file.len());
     // A closed standard error is not a reason to fail: the mesh is there.
     let _ = writeln!(
@@ -86,11 +99,9 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
             n => format!(", {n} images"),
         },
     );
-    Ok(())
 }
 
-/// Makes the mesh.
-pub(super) fn make(args: &Args, progress: &Progress) -> Result<synth::Counts> {
+fn make(args: &Args, progress: &Progress) -> Result<synth::Counts> {
     let settings = Settings {
         kind: args.kind,
         n_triangles: args.triangles,

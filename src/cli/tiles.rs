@@ -1,11 +1,12 @@
 //! `stonecut tiles`: a tree of tiles from a mesh of any size.
 
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
-use super::display::watch;
-use super::log::{EXIT_SHORT, Log, Talk};
+use super::log::{Log, Talk};
 use super::outcome::{stage_line, write_json};
-use super::placing::{Transform, TypedMoves, Up, numbers, parse_transform};
-use crate::error::Result;
+use super::placing::{TypedMoves, TypedTransform, Up, numbers, parse_transform};
+use super::session::{Command, Session};
+use crate::error::{Offers, Result};
 use crate::io::Weld;
 use crate::mesh::placing::Placing;
 use crate::pipeline::tiles::report::TilesReport;
@@ -14,7 +15,6 @@ use crate::pipeline::tiles::{
 };
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::Seen;
-use crate::system::progress::Progress;
 use crate::system::units::{parse_count, parse_ratio, show_bytes, show_count, show_outward};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -45,7 +45,7 @@ pub struct Args {
     compress: Compress,
     /// Look of tiles of a scan with images [default: bake where there are images, otherwise colors].
     #[arg(long, value_enum, value_name = "HOW")]
-    texture: Option<Texture>,
+    texture: Option<TypedLook>,
     /// Axis of the mesh that points upwards [default: y for glTF and GLB files, z for all others].
     #[arg(long, value_enum, value_name = "AXIS")]
     up: Option<Up>,
@@ -57,7 +57,7 @@ pub struct Args {
     geo: Option<Geo>,
     /// Transform from the mesh (z upwards) to the world: 16 numbers, column by column, joined by commas.
     #[arg(long, value_name = "M16", value_parser = parse_transform, allow_hyphen_values = true)]
-    transform: Option<Transform>,
+    transform: Option<TypedTransform>,
     /// Write a page that shows the tiles in a browser (index.html; `stonecut serve OUTPUT` offers it).
     #[arg(long)]
     viewer: bool,
@@ -105,7 +105,7 @@ enum Compress {
 
 /// The choices of `--texture`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Texture {
+enum TypedLook {
     /// An image for each tile, as fine as its level.
     Bake,
     /// Colours of vertices out of the images.
@@ -181,7 +181,7 @@ impl Args {
     fn config(&self) -> Result<TilesConfig> {
         let transform = match (self.geo, self.transform) {
             (Some(geo), _) => east_north_up(geo),
-            (None, Some(Transform(matrix))) => matrix,
+            (None, Some(TypedTransform(matrix))) => matrix,
             (None, None) => IDENTITY,
         };
         let mut placing = Placing::default();
@@ -194,8 +194,8 @@ impl Args {
             finest: self.finest.unwrap_or_default(),
             texture: match self.texture {
                 None => TileTexture::Auto,
-                Some(Texture::Bake) => TileTexture::Bake,
-                Some(Texture::Colors) => TileTexture::Colors,
+                Some(TypedLook::Bake) => TileTexture::Bake,
+                Some(TypedLook::Colors) => TileTexture::Colors,
             },
             pixels: self.pixels,
             packs: self.compress == Compress::Meshopt,
@@ -214,8 +214,10 @@ impl Args {
             checkpoint_every: crate::config::CHECKPOINT_EVERY,
         })
     }
+}
 
-    pub(super) fn paths(&self) -> Result<Paths> {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         let job_folder = super::arguments::job_folder(&self.output, self.temp_dir.as_deref())?;
         Ok(Paths::new(self.force)
             .with(Role::Input, "INPUT", &self.input)
@@ -224,10 +226,18 @@ impl Args {
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
             .with(Role::JobFolder, "the job folder", job_folder))
     }
+
+    fn offers(&self) -> Offers {
+        Offers { resumes: true, temp_dir: true }
+    }
+
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        make(self, session)
+    }
 }
 
-/// Runs the command and gives its exit code.
-pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
+fn make(args: &Args, session: &mut Session) -> Result<CommandEnd> {
+    let (progress, log) = (session.progress, &mut *session.log);
     let report_to = args.report.as_deref().map(Seen::new);
     let mut config = args.config()?;
     super::arguments::warn_of_limit(args.memory, log);
@@ -249,14 +259,14 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
             });
             write_json(to, &report)?;
         }
-        return Ok(0);
+        return CommandEnd::whole(&prepared.plan);
     }
-    let report = watch(talk, progress, log, || make_tiles(prepared, &config, progress))?;
-    tell(&report, talk, log);
+    let report = session.watch(|| make_tiles(prepared, &config, progress))?;
+    tell(&report, session.talk, session.log);
     if let Some(to) = &report_to {
         write_json(to, &report)?;
     }
-    Ok(if report.is_short() { EXIT_SHORT } else { 0 })
+    CommandEnd::of(&report, report.is_short())
 }
 
 fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {

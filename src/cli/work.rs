@@ -1,19 +1,20 @@
 //! `stonecut work`: one unit of a job for many machines.
 
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
-use super::display::watch;
-use super::log::{Log, Talk};
 use super::outcome::{close, tell, write_report};
 use super::plan;
+use super::session::{Command, Session};
 use crate::config::Config;
-use crate::error::{Error, Result};
-use crate::pipeline::units::{Done, Task, work};
+use crate::error::{Error, Offers, Result};
+use crate::pipeline::units::{Done as Work, Task, work};
 use crate::store::job::units::{Frozen, Unit, UnitJob};
 use crate::system::disk::Disk;
 use crate::system::paths::{Paths, Role};
 use crate::system::pending_file::Seen;
 use crate::system::program::end_with_parent;
 use crate::system::progress::Progress;
+use clap::FromArgMatches;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -54,37 +55,41 @@ pub struct Args {
 /// A unit that fails is tried this often again.
 const RETRIES: u32 = 3;
 
-impl Args {
-    pub(super) fn paths(&self) -> Paths {
-        Paths::default().with(Role::InputFolder, "JOBDIR", &self.folder)
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
+        Ok(Paths::default().with(Role::InputFolder, "JOBDIR", &self.folder))
+    }
+
+    fn offers(&self) -> Offers {
+        Offers { resumes: true, temp_dir: false }
+    }
+
+    /// Scripts wait for the unit, whatever its mesh has lost.
+    fn ignores_losses(&self) -> bool {
+        true
+    }
+
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        work_on(self, session).map(|()| CommandEnd::plain())
     }
 }
 
-/// Reads the words of a command that is a plan.
-pub type ReadPlan<'a> = &'a dyn Fn(&[String]) -> Option<Box<plan::Args>>;
-
-/// Does the unit, and says so.
-pub fn run(
-    args: &Args,
-    read_plan: ReadPlan,
-    talk: &Talk,
-    progress: &Progress,
-    log: &mut Log,
-) -> Result<()> {
+/// Does the unit, again after failures that may pass, and says so.
+fn work_on(args: &Args, session: &mut Session) -> Result<()> {
     if args.with_parent {
         end_with_parent()?;
     }
     let mut pause = Duration::from_secs(args.retry_after);
     let mut retries = 0;
     loop {
-        match attempt(args, read_plan, talk, progress, log) {
+        match attempt(args, session) {
             Err(error) if retries < RETRIES && args.retry.contains(&error.exit_code()) => {
                 retries += 1;
-                log.say(format!(
+                session.log.say(format!(
                     "{error}; once more in {} s ({retries} of {RETRIES})",
                     pause.as_secs()
                 ));
-                sleep(pause, progress)?;
+                sleep(pause, session.progress)?;
                 pause *= 3;
             }
             outcome => return outcome,
@@ -101,18 +106,13 @@ fn sleep(pause: Duration, progress: &Progress) -> Result<()> {
     Ok(())
 }
 
-fn attempt(
-    args: &Args,
-    read_plan: ReadPlan,
-    talk: &Talk,
-    progress: &Progress,
-    log: &mut Log,
-) -> Result<()> {
+fn attempt(args: &Args, session: &mut Session) -> Result<()> {
+    let progress = session.progress;
     let (disk, patience) = (Disk::default(), Duration::from_secs(args.wait));
     let job = UnitJob::new(&args.folder, &disk, patience);
     job.check_own()?;
     let frozen = job.frozen(progress)?;
-    let (config, report) = settings(args, &frozen, read_plan)?;
+    let (config, report) = settings(args, &frozen, session.line)?;
     let task = Task {
         folder: &args.folder,
         frozen: &frozen,
@@ -120,12 +120,12 @@ fn attempt(
         patience,
         mends: args.mend,
     };
-    match watch(talk, progress, log, || work(&task, &config, &disk, progress))? {
-        Done::Before => log.say(format!("{}: done before", args.unit)),
-        Done::Now(None) => log.say(format!("{}: done", args.unit)),
-        Done::Now(Some(mut done)) => {
+    match session.watch(|| work(&task, &config, &disk, progress))? {
+        Work::Before => session.log.say(format!("{}: done before", args.unit)),
+        Work::Now(None) => session.log.say(format!("{}: done", args.unit)),
+        Work::Now(Some(mut done)) => {
             close(&mut done, progress);
-            tell(&done, talk, log);
+            tell(&done, session.talk, session.log);
             if report.is_some() {
                 let to =
                     frozen.report.clone().filter(|seen| Some(seen.path()) == report.as_deref());
@@ -141,9 +141,12 @@ fn attempt(
 fn settings(
     args: &Args,
     frozen: &Frozen,
-    read_plan: ReadPlan,
+    line: fn() -> clap::Command,
 ) -> Result<(Config, Option<PathBuf>)> {
-    let plan = read_plan(&frozen.words).ok_or_else(|| Error::StateMismatch {
+    let found = line().try_get_matches_from(&frozen.words).ok();
+    let plan = found.as_ref().and_then(|found| found.subcommand_matches("plan"));
+    let plan = plan.and_then(|plan| plan::Args::from_arg_matches(plan).ok());
+    let plan = plan.ok_or_else(|| Error::StateMismatch {
         path: args.folder.clone(),
         what: "the command in its plan is not one of this version".to_owned(),
     })?;

@@ -50,7 +50,7 @@ fn is_strong(source: &MeshSource, config: &Config) -> bool {
 
 /// Normal maps were asked for: there is a new texture, or an error that says why not.
 fn decide_with_normals(source: &MeshSource, config: &Config) -> Result<Texture> {
-    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
+    let kind = config.kind()?;
     let is_kept = config.texture == Texture::Auto
         && bake::has_images(source)
         && !is_strong(source, config)
@@ -84,7 +84,7 @@ fn has_begun(config: &Config) -> bool {
     let is_baked = |view: job::ManifestView| {
         view.identity.settings.get("texture").is_some_and(|texture| texture == "bake")
     };
-    !config.restart && job::view(&config.job_folder).is_ok_and(is_baked)
+    !config.job.restart && job::view(&config.job_folder).is_ok_and(is_baked)
 }
 
 /// True if a run whose charts left too many triangles could be made with a new texture.
@@ -110,7 +110,7 @@ pub(super) fn options(config: &Config) -> bake::Options {
 /// The reason why no new texture can be made, if there is one.
 fn obstacle(source: &MeshSource, config: &Config) -> Result<Option<String>> {
     let stream = Path::new("-");
-    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
+    let kind = config.kind()?;
     let has_own = |name: &&str| source.schema().own_property(name).is_some();
     let at_vertices = TEXTURE_NAMES.iter().any(|pair| pair.iter().all(has_own));
     let found = [
@@ -151,13 +151,11 @@ pub(super) fn check(
     let most = config.targets().map(|target| target.triangles(n)).max().unwrap_or(n);
     let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
     let need = bake::check(source, most.min(n), &options(config), usable)?;
-    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
-    if kind == OutputKind::Glb || config.force || may_be_ours {
+    let kind = config.kind()?;
+    if kind == OutputKind::Glb || config.job.force || may_be_ours {
         return Ok(need);
     }
-    let outputs = std::iter::once(&config.textures_beside)
-        .chain(config.coarser.iter().map(|level| &level.output));
-    for output in outputs {
+    for output in config.named_outputs() {
         let stem = stem(output);
         let folder = folder_of(output).join(format!("{stem}_textures"));
         let has_files = std::fs::read_dir(&folder).is_ok_and(|mut files| files.next().is_some());

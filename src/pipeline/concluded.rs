@@ -15,7 +15,7 @@ pub(super) const WRITING: &str = "writing";
 
 /// Record of a run that is over.
 #[derive(Serialize, Deserialize)]
-struct Over {
+struct Conclusion {
     report: RunReport,
     /// Length and time of the last change of each output.
     outputs: Vec<Option<[i64; 3]>>,
@@ -31,7 +31,7 @@ fn outputs(config: &Config) -> Vec<Option<[i64; 3]>> {
 
 /// Removes the job folder of a run whose outputs stand.
 pub(super) fn conclude(job: &Job, config: &Config, report: &RunReport) -> Result<()> {
-    job.conclude(&Over { report: report.clone(), outputs: outputs(config) })
+    job.conclude(&Conclusion { report: report.clone(), outputs: outputs(config) })
 }
 
 /// The report of a run that was stopped while it removed its job folder, if its outputs are as it left them; the folder goes now.
@@ -42,10 +42,10 @@ pub(super) fn concluded(
     identity: &Identity,
     config: &Config,
 ) -> Result<Option<RunReport>> {
-    if config.restart {
+    if config.job.restart {
         return Ok(None);
     }
-    let found: Option<Over> = Job::concluded(&config.job_folder, disk, identity)?;
+    let found: Option<Conclusion> = Job::concluded(&config.job_folder, disk, identity)?;
     let report = found.filter(|over| over.outputs == outputs(config)).map(|over| over.report);
     if report.is_none() {
         // The folder that made an output look like that of this run may be gone now.
@@ -70,11 +70,27 @@ pub fn has_begun_to_write(job_folder: &Path, output: &Path) -> bool {
 
 /// The writer itself compares: a run that died between its rename and its end has left the same bytes.
 pub(super) fn refuse_to_overwrite(config: &Config) -> Result<()> {
-    let may_be_ours = || !config.restart && has_begun_to_write(&config.job_folder, &config.output);
+    let may_be_ours =
+        || !config.job.restart && has_begun_to_write(&config.job_folder, &config.output);
     let existing = config.outputs().find(|output| output.exists());
-    if let (Some(path), false) = (existing, config.force || may_be_ours()) {
+    if let (Some(path), false) = (existing, config.job.force || may_be_ours()) {
         let path = path.display();
         return Err(Error::Usage(format!("{path} exists; give --force to replace it")));
     }
     Ok(())
+}
+
+/// Removes a job that no command can continue: with a bad input or an empty result, whatever helps (another input,
+/// `--skip-bad`, another target) makes another job. All other errors leave it as it is.
+pub(crate) fn abandon(job: &Job, error: Error) -> Error {
+    if is_final(&error) {
+        // What cannot be removed costs space; the error that led here matters more.
+        let _ = job.remove();
+    }
+    error
+}
+
+/// True if the same command would fail again.
+pub(crate) fn is_final(error: &Error) -> bool {
+    matches!(error, Error::BadInput { .. } | Error::Empty { .. })
 }

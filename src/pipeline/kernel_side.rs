@@ -1,13 +1,12 @@
 //! The kernel's side of a job: rows of vertices and options, from the schema of the input and the settings alone.
 
 use super::fit;
-use super::layout::layout;
-use super::source_facts::{confined, label, region};
 use crate::config::Config;
+use crate::io::Lock;
 use crate::io::ply::MeshSource;
 use crate::kernel;
+use crate::mesh::codec::ChannelKind;
 use crate::mesh::record::VertexSchema;
-use crate::pipeline::plan::Plan;
 use crate::store::cells::VertexLayout;
 
 /// Facts of the input that the cells are simplified by.
@@ -24,12 +23,12 @@ pub(super) struct Facts {
 }
 
 impl Facts {
-    pub(super) fn new(source: &MeshSource, plan: &Plan) -> Facts {
+    pub(super) fn new(source: &MeshSource, target: u64) -> Facts {
         Facts {
             schema: source.schema().clone(),
             n_vertices: source.n_vertices(),
-            n_triangles: plan.triangles_in,
-            target: plan.target,
+            n_triangles: source.n_triangles(),
+            target,
         }
     }
 }
@@ -43,8 +42,8 @@ pub(super) fn kernel_side(facts: &Facts, config: &Config) -> (VertexLayout, kern
     let channel = layout.reach_channel();
     let mut options = kernel::Options {
         confined: confined(schema, config),
-        region: region(schema, config),
-        label: label(schema, config),
+        region: channel_of(&ChannelKind::Region, schema, config),
+        label: channel_of(&ChannelKind::Label, schema, config),
         seam_share: attributes.weights.seam_share(),
         bound: bound.map(|bound| kernel::Bound { channel, ..bound }),
         ..config.kernel.clone()
@@ -52,4 +51,40 @@ pub(super) fn kernel_side(facts: &Facts, config: &Config) -> (VertexLayout, kern
     // Whether it is worth its time is a question of the whole job, not of what the finish sees.
     fit::decide(&mut options, config, *n_triangles, *target);
     (layout, options)
+}
+
+/// The layout for simplifying an input of this many vertices and triangles.
+pub(super) fn layout(
+    schema: &VertexSchema,
+    (n_vertices, n_triangles): (u64, u64),
+    config: &Config,
+) -> VertexLayout {
+    let attributes = &config.attributes;
+    VertexLayout {
+        has_reach: config.kernel.bound.is_some(),
+        has_relief: fit::carries_relief(config, n_triangles),
+        is_watched: config.kernel.no_self_intersections,
+        lock: match &config.lock {
+            None => None,
+            Some(Lock::Boundary) => schema.lock_place(None),
+            Some(Lock::Property(name)) => schema.lock_place(Some(name)),
+        },
+        ..VertexLayout::for_kernel(schema, n_vertices, &attributes.labels, &attributes.weights)
+    }
+}
+
+/// Texture coordinates, and the number of their image or region, mean nothing outside of their chart.
+fn confined(schema: &VertexSchema, config: &Config) -> Vec<bool> {
+    let codec = schema.kernel_codec(&config.attributes.labels);
+    let image = ChannelKind::Scalar("texnumber".to_owned());
+    let channel_kinds = codec.channel_kinds(schema);
+    let confined =
+        |m: &ChannelKind| [ChannelKind::Texture, ChannelKind::Region, image.clone()].contains(m);
+    channel_kinds.iter().map(confined).collect()
+}
+
+/// The channel of this kind: the number of a face's region, or the labels of vertices.
+fn channel_of(kind: &ChannelKind, schema: &VertexSchema, config: &Config) -> Option<usize> {
+    let codec = schema.kernel_codec(&config.attributes.labels);
+    codec.channel_kinds(schema).iter().position(|k| k == kind)
 }

@@ -9,18 +9,18 @@
 //! do not count: the certificate is against a copy of the input without them. Memory and disk: those of one run, one
 //! more output, and that copy.
 
-use super::first_run::{deliver, trial_path};
+use super::concluded::abandon;
+use super::derived::{DerivedRun, derive, trial_path, within};
 use super::prepare::{Prepared, prepare};
-use crate::config::{Attributes, Config, Normals, Target, Texture};
+use crate::config::{Attributes, Config, JobOptions, Normals, Target, Texture};
 use crate::error::Result;
 use crate::io::{OutputFormat, OutputKind};
 use crate::kernel::{self, Tight};
 use crate::measure::{Beyond, Certificate, Certify, compare};
 use crate::pipeline::run_report::{BoundReport, RunReport, TrialReport};
-use crate::pipeline::verify::{self, Pair};
+use crate::pipeline::verify::{self, MeasuredPair};
 use crate::stages::stitch::is_tree_record;
-use crate::store::job::fingerprint::job_identity;
-use crate::store::job::{Job, TRIALS, rewind};
+use crate::store::job::rewind;
 use crate::system::disk::Disk;
 use crate::system::progress::Progress;
 use crate::system::units::show_length;
@@ -94,24 +94,22 @@ pub fn simplify(
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
     verify::refuse_unreadable(config)?;
-    let started = Instant::now();
-    let disk = Disk::default();
-    let n_input = prepared.source.n_triangles();
     let marks = crate::store::job::fingerprint::input_marks(&config.input)?;
-    let identity = job_identity(&prepared.source, &marks, config);
-    // Every trial opens the input itself.
-    drop(prepared);
-    if let Some(report) = super::concluded(&disk, &identity, config)? {
-        return Ok(Some(report));
-    }
-    let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
-    disk.create_dir(&job.path(TRIALS))?;
+    derive(prepared.source, &marks, config, progress, |run, source| {
+        let n_input = source.n_triangles();
+        // Every trial opens the input itself.
+        drop(source);
+        try_in_turn(run, bound, n_input)
+    })
+}
+
+/// Runs trials until one keeps the bound, which becomes the output.
+fn try_in_turn(run: &DerivedRun, bound: f64, n_input: u64) -> Result<Option<RunReport>> {
+    let DerivedRun { job, disk, config, progress, .. } = run;
+    let kept = run.inner_path("kept.ply")?;
     let kept = match config.min_component {
         None => None,
-        Some(_) => match job.sealed("kept", || write_kept(n_input, config, progress)) {
-            Ok(kept) => Some(kept),
-            Err(error) => return Err(super::abandon(&job, error)),
-        },
+        Some(_) => Some(run.part("kept", || write_kept(kept, n_input, config, progress))?),
     };
     let mut trials: Vec<Trial> = Vec::new();
     let mut tightened = Tightened::new();
@@ -131,7 +129,7 @@ pub fn simplify(
                         found
                     }
                     Ok(None) => return Ok(None),
-                    Err(error) if trials.is_empty() => return Err(super::abandon(&job, error)),
+                    Err(error) if trials.is_empty() => return Err(abandon(job, error)),
                     Err(error) => return Err(error),
                 }
             }
@@ -153,7 +151,7 @@ pub fn simplify(
     let mut report = match best {
         Some(best) => {
             let path = trial_path(config, &best.number.to_string());
-            deliver(&job, &disk, config, &path)?;
+            run.deliver(&path)?;
             best.report.clone()
         }
         None => {
@@ -175,10 +173,7 @@ pub fn simplify(
         }
     };
     report.output.path = config.output.display().to_string();
-    report.settings = identity.settings;
-    report.seconds = started.elapsed().as_secs_f64();
-    report.triangles_per_second = n_input as f64 / report.seconds.max(1e-9);
-    report.peak_memory_bytes = crate::system::memory::peak_bytes();
+    report.seconds = 0.0;
     report.hausdorff = best.and_then(|trial| trial.certificate.clone());
     report.max_error = Some(BoundReport {
         bound,
@@ -194,26 +189,21 @@ pub fn simplify(
             })
             .collect(),
     });
-    if !config.keep_temp {
-        super::conclude(&job, config, &report)?;
-    }
     Ok(Some(report))
 }
 
 /// Writes the geometry of the input without small components among the trials; gives back its path.
-fn write_kept(n_input: u64, config: &Config, progress: &Progress) -> Result<PathBuf> {
-    let output = config.job_folder.join(TRIALS).join("kept.ply");
+fn write_kept(
+    output: PathBuf,
+    n_input: u64,
+    config: &Config,
+    progress: &Progress,
+) -> Result<PathBuf> {
     let inner = Config {
         target: Target::Triangles(n_input),
-        output: output.clone(),
-        job_folder: config.job_folder.join(TRIALS).join("kept"),
-        keep_temp: false,
-        until: None,
-        verify: false,
+        job: JobOptions { force: true, ..JobOptions::default() },
         error_field: false,
         progressive: None,
-        force: true,
-        restart: false,
         format: OutputFormat { kind: Some(OutputKind::Ply), ..OutputFormat::default() },
         drop_texture: true,
         texture: Texture::Keep,
@@ -224,10 +214,10 @@ fn write_kept(n_input: u64, config: &Config, progress: &Progress) -> Result<Path
             fit: kernel::Fit::Off,
             ..kernel::Options::default()
         },
-        ..config.clone()
+        ..within(config, output.clone(), "kept")
     };
     let prepared = prepare(&inner)?;
-    super::simplify(prepared, &inner, progress)?;
+    super::simplify(prepared, progress)?;
     Ok(output)
 }
 
@@ -246,38 +236,33 @@ fn run_trial(
             tight: Arc::from(tightened.places.as_slice()),
             ..config.kernel.clone()
         },
-        output: trial_path(config, &number.to_string()),
-        job_folder: config.job_folder.join(TRIALS).join("job"),
         // Goes with the trials.
-        keep_temp: true,
+        job: JobOptions { keep_temp: true, force: true, restart: false, ..config.job },
         trial_of: Some(bound),
-        force: true,
-        restart: false,
         // Measured below, once.
-        verify: false,
-        ..config.clone()
+        ..within(config, trial_path(config, &number.to_string()), "job")
     };
     // The same cells in later rounds: most of what is not near a tighter ball comes out as it did before.
     let is_common = |name: &str| FIRST_STAGES.contains(&name) || is_tree_record(name);
     rewind(&inner.job_folder, &Disk::default(), is_common, number)?;
     let prepared = prepare(&inner)?;
-    let Some(mut report) = super::simplify(prepared, &inner, progress)? else { return Ok(None) };
+    let Some(mut report) = super::simplify(prepared, progress)? else { return Ok(None) };
     let started = Instant::now();
     let measured = match kept {
         Some(kept) => Config { input: kept.to_path_buf(), ..config.clone() },
         None => config.clone(),
     };
-    let pair = Pair::open(&measured, &inner.output)?;
+    let pair = MeasuredPair::open(&measured, &inner.output)?;
     let mut request = pair.request(config, &config.job_folder);
     request.options.certify = Some(Certify { tolerance: verify::TOLERANCE, bound: Some(bound) });
-    if !config.verify {
+    if !config.checks.verify {
         request.options.samples = SAMPLES;
     }
     let comparison = compare::compare(&request, progress)?;
     let deviation = &comparison.measured.deviation;
     let max = deviation.forward.distance.max.max(deviation.backward.distance.max);
     let rms = deviation.rms;
-    if config.verify {
+    if config.checks.verify {
         let seconds = started.elapsed().as_secs_f64();
         report.measured = Some(Box::new(compare::Report::new(&request, &comparison, seconds)));
     }

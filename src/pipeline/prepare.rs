@@ -6,7 +6,7 @@ use super::pairs::counts::check as check_pairs;
 use super::plan::{Plan, check_split};
 use super::{bake, verify};
 use crate::bake::BakeNeed;
-use crate::config::{Config, Method, Normals, Texture};
+use crate::config::{Config, JobOptions, Method, Normals, Texture};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::{
@@ -29,24 +29,17 @@ pub struct Prepared {
     pub plan: Plan,
     /// Materials and images of each output, if there are any; of a new texture, none yet.
     pub textures: Vec<TexturePlan>,
-    /// Fate of the texture: never `Texture::Auto`.
-    pub texture: Texture,
-    /// True if the texture stays but a new one can be made where it leaves too many triangles.
-    pub can_bake: bool,
+    /// The settings of the run, every value final: never `Texture::Auto`.
+    pub config: Config,
+    /// Settings of another run, with a new texture, for where the texture of the input leaves too many triangles.
+    pub retry: Option<Box<Config>>,
     /// Fingerprint of the input, taken before it was opened.
     pub marks: BTreeMap<String, String>,
     /// The file for `--seams` as it was before the input was opened, which may take long.
     pub(super) seams: Option<Seen>,
 }
 
-impl Prepared {
-    /// The settings of the run, with everything decided that was left to the program.
-    pub(crate) fn settled(&self, config: &Config) -> Config {
-        settled(config, self.texture)
-    }
-}
-
-/// A new texture begins where the old one is given up.
+/// The settings with everything decided that was left to the program: a new texture begins where the old one is given up.
 fn settled(config: &Config, texture: Texture) -> Config {
     let drop_texture = config.drop_texture || texture == Texture::Bake;
     let mut settled = Config { texture, drop_texture, ..config.clone() };
@@ -66,20 +59,22 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
             format!("--method {} has another way in: pipeline::methods", config.method.name());
         return Err(Error::Usage(what));
     }
-    let seams = config.seams.as_deref().map(Seen::new);
+    let seams = config.checks.seams.as_deref().map(Seen::new);
     let (mut marks, stage) = before_opening(config)?;
-    let (mut texture, mut bake_need, mut can_bake) = (Texture::Keep, BakeNeed::default(), false);
+    let (mut texture, mut bake_need, mut retry) = (Texture::Keep, BakeNeed::default(), None);
     let mut bake_room = Ok(());
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
-        let coarser = config.coarser.iter().map(|level| &level.output);
-        for output in std::iter::once(&config.textures_beside).chain(coarser) {
-            source.refuse_output(output)?;
-        }
+        config.named_outputs().try_for_each(|output| source.refuse_output(output))?;
         texture = bake::decide(&source, config)?;
-        can_bake = texture == Texture::Keep && bake::would_help(&source, config);
+        if texture == Texture::Keep && bake::would_help(&source, config) {
+            let job = JobOptions { restart: true, ..config.job };
+            let config = config.clone();
+            retry = Some(Box::new(Config { texture: Texture::Bake, job, ..config }));
+        }
         let config = &settled(config, texture);
         if texture == Texture::Bake {
-            let is_ours = !config.restart && has_begun_to_write(&config.job_folder, &config.output);
+            let is_ours =
+                !config.job.restart && has_begun_to_write(&config.job_folder, &config.output);
             match bake::check(&source, config, is_ours) {
                 Ok(need) => bake_need = need,
                 // The plan may want more.
@@ -110,29 +105,29 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     });
     let source = unchanged(&config.input, &marks, source)?;
     marks.extend(marks_beside(&source));
-    let config = &settled(config, texture);
+    let config = settled(config, texture);
     config.targets().try_for_each(|target| target.check(source.n_triangles()))?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     config.attributes.weights.check(&codec.channel_kinds(source.schema())).map_err(Error::Usage)?;
-    check_error_field(&source, config)?;
+    check_error_field(&source, &config)?;
     check_range(&source, &config.output, config.format)?;
     let n = source.n_triangles();
     let target = config.targets().next().map_or(n, |target| target.triangles(n)).min(n);
     let (mut plan, mut planned) = (None, Ok(()));
-    match Plan::new(&source, config) {
+    match Plan::new(&source, &config) {
         Ok(made) => plan = Some(made),
         Err(error) => planned = Err(error),
     }
     Error::first_of([
         planned,
         bake_room,
-        check_optimize(&source, target, config),
-        check_pairs(&source, target, config),
+        check_optimize(&source, target, &config),
+        check_pairs(&source, target, &config),
     ])?;
     let Some(mut plan) = plan else { unreachable!("a plan that failed is an error") };
     let textures = match texture {
         Texture::Bake => Vec::new(),
-        Texture::Auto | Texture::Keep => plan_textures(&source, config)?,
+        Texture::Auto | Texture::Keep => plan_textures(&source, &config)?,
     };
     if config.progressive.is_some() {
         check_recording(&source, &plan)?;
@@ -142,14 +137,14 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     if texture == Texture::Bake {
         plan.add_bake(bake_need, config.threads);
     }
-    plan.check_disk(config)?;
-    Ok(Prepared { source, plan, textures, texture, can_bake, marks, seams })
+    plan.check_disk(&config)?;
+    Ok(Prepared { source, plan, textures, config, retry, marks, seams })
 }
 
 /// Checks what can be checked without the input; returns marks of the input, and how to open it.
 pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String>, StageOptions)> {
     refuse_to_overwrite(config)?;
-    if config.verify {
+    if config.checks.verify {
         verify::refuse_unreadable(config)?;
     }
     let marks = input_marks(&config.input)?;
@@ -164,7 +159,7 @@ pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String
         },
         exact_above: match config.method {
             Method::Collapse => config.cell_triangles,
-            Method::Cluster | Method::Decimate | Method::Retile => u64::MAX,
+            _ => u64::MAX,
         },
         labels: config.attributes.labels.clone(),
     });
@@ -181,13 +176,13 @@ fn plan_textures(source: &MeshSource, config: &Config) -> Result<Vec<TexturePlan
     let Some(materials) = source.materials().filter(|_| !is_given_up) else {
         return Ok(Vec::new());
     };
-    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
-    let coarser = config.coarser.iter().map(|level| &level.output);
+    let kind = config.kind()?;
     let plan_for = |output: &PathBuf| {
-        let request = TextureRequest { output, kind, mode: config.textures, force: config.force };
+        let request =
+            TextureRequest { output, kind, mode: config.textures, force: config.job.force };
         TexturePlan::new(materials.clone(), &request)
     };
-    std::iter::once(&config.textures_beside).chain(coarser).map(plan_for).collect()
+    config.named_outputs().map(plan_for).collect()
 }
 
 /// Refuses a distance with every vertex where it has no place.
@@ -195,7 +190,7 @@ fn check_error_field(source: &MeshSource, config: &Config) -> Result<()> {
     if !config.error_field {
         return Ok(());
     }
-    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
+    let kind = config.kind()?;
     if kind != OutputKind::Ply {
         let what = "--error-field: only PLY holds a number with every vertex; give an output that ends with .ply";
         return Err(Error::Usage(what.to_owned()));

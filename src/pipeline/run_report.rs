@@ -12,9 +12,11 @@ use crate::mesh::bounds::Bounds;
 use crate::mesh::face_properties::{FacePolicy, FacePropertyPlan};
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
 use crate::system::losses::Ledger;
+use crate::system::memory::peak_bytes;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::time::Instant;
 
 /// One stage of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -45,6 +47,26 @@ pub struct StageReport {
 }
 
 impl StageReport {
+    /// A stage that began at `start` and ends now: triangles in and out, bytes read and written.
+    pub fn since(
+        name: &str,
+        start: Instant,
+        (triangles_in, triangles_out): (u64, u64),
+        (bytes_read, bytes_written): (u64, u64),
+    ) -> StageReport {
+        StageReport {
+            name: name.to_owned(),
+            part: StageReport::part_of(name).to_owned(),
+            seconds: start.elapsed().as_secs_f64(),
+            triangles_in,
+            triangles_out,
+            bytes_read,
+            bytes_written,
+            peak_memory_bytes: peak_bytes(),
+            peak_temp_bytes: 0,
+        }
+    }
+
     /// `part`, also of reports of before schema version 1, which have it as the name.
     pub fn part(&self) -> &str {
         if self.part.is_empty() { &self.name } else { &self.part }

@@ -3,7 +3,7 @@
 use super::run_report::StageReport;
 use crate::error::Result;
 use crate::store::stage_context::StageContext;
-use crate::system::memory::{give_back, peak_bytes};
+use crate::system::memory::give_back;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::time::Instant;
@@ -52,24 +52,23 @@ impl<'a> SealedStages<'a> {
         let run = self.run;
         self.begin(name, triangles_in);
         run.progress.check()?;
-        let (outcome, report): (T, StageReport) = run.job.sealed(key, || {
-            let (read, written, start) =
-                (run.disk().bytes_read(), run.disk().bytes_written(), Instant::now());
-            let outcome = work(&run)?;
-            give_back();
-            let report = StageReport {
-                name: name.to_owned(),
-                part: StageReport::part_of(name).to_owned(),
-                seconds: start.elapsed().as_secs_f64(),
-                triangles_in,
-                triangles_out: count(&outcome),
-                bytes_read: run.disk().bytes_read() - read,
-                bytes_written: run.disk().bytes_written() - written,
-                peak_memory_bytes: peak_bytes(),
-                peak_temp_bytes: run.disk().peak_bytes(),
-            };
-            Ok((outcome, report))
-        })?;
+        let (outcome, report): (T, StageReport) = match run.job.outcome(key)? {
+            Some(done) => done,
+            None => {
+                let (disk, start) = (run.disk(), Instant::now());
+                let (read, written) = (disk.bytes_read(), disk.bytes_written());
+                let outcome = work(&run)?;
+                give_back();
+                let bytes = (disk.bytes_read() - read, disk.bytes_written() - written);
+                let report = StageReport {
+                    peak_temp_bytes: disk.peak_bytes(),
+                    ..StageReport::since(name, start, (triangles_in, count(&outcome)), bytes)
+                };
+                let done = (outcome, report);
+                run.job.record(key, &done)?;
+                done
+            }
+        };
         self.reports.push(report);
         Ok(outcome)
     }

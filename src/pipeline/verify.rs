@@ -29,9 +29,7 @@ pub fn refuse_unreadable(config: &Config) -> Result<()> {
         "standard input cannot be read again"
     } else if config.output == standard {
         "standard output cannot be read"
-    } else if config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?
-        == OutputKind::Glb
-    {
+    } else if config.kind()? == OutputKind::Glb {
         "GLB rounds positions; write a PLY and convert it"
     } else {
         return Ok(());
@@ -40,21 +38,21 @@ pub fn refuse_unreadable(config: &Config) -> Result<()> {
 }
 
 /// The input and the output of a run, opened again from their files.
-pub struct Pair {
+pub struct MeasuredPair {
     original: MeshSource,
     simplified: MeshSource,
 }
 
-impl Pair {
+impl MeasuredPair {
     /// Opens the input as the run did, and what it wrote.
-    pub fn open(config: &Config, output: &Path) -> Result<Pair> {
+    pub fn open(config: &Config, output: &Path) -> Result<MeasuredPair> {
         let open = |path: &Path, read: ReadOptions| {
             let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
             MeshSource::open_staged(path, &stage.within(config.memory_bytes))
         };
         let (original, simplified) =
             (open(&config.input, config.read_options())?, open(output, ReadOptions::default())?);
-        Ok(Pair { original, simplified })
+        Ok(MeasuredPair { original, simplified })
     }
 
     /// The comparison of both with the threads and the memory of the run; temporary files go into `temp_dir`.
@@ -75,9 +73,10 @@ impl Pair {
     }
 }
 
-/// The end of a run that holds nothing any more: measures its output if that was asked for, and gives up its job folder.
+/// The end of a run that holds nothing any more: measures its output if that was asked for and has not been done, and gives up
+/// its job folder.
 pub fn end(job: &Job, config: &Config, progress: &Progress, report: &mut RunReport) -> Result<()> {
-    if config.verify {
+    if config.checks.verify && report.measured.is_none() {
         let run = StageContext {
             job,
             progress,
@@ -87,8 +86,8 @@ pub fn end(job: &Job, config: &Config, progress: &Progress, report: &mut RunRepo
         };
         verify(config, &run, report)?;
     }
-    if !config.keep_temp {
-        super::conclude(job, config, report)?;
+    if !config.job.keep_temp {
+        super::concluded::conclude(job, config, report)?;
     }
     Ok(())
 }
@@ -114,21 +113,16 @@ fn verify_output(
     let start = Instant::now();
     // What a verification that was killed has left.
     run.job.clear_scratch()?;
-    let pair = Pair::open(config, output)?;
+    let pair = MeasuredPair::open(config, output)?;
     let mut request = pair.request(config, run.job.folder());
     request.options.certify = Some(Certify { tolerance: TOLERANCE, bound: None });
     let comparison = compare::compare(&request, run.progress)?;
     let seconds = start.elapsed().as_secs_f64();
+    let triangles = (report.input.triangles, report.output.triangles);
+    let bytes = (pair.file_bytes() + comparison.temp_bytes, comparison.temp_bytes);
     report.stages.push(StageReport {
-        name: "verify".to_owned(),
-        part: "verify".to_owned(),
-        seconds,
-        triangles_in: report.input.triangles,
-        triangles_out: report.output.triangles,
-        bytes_read: pair.file_bytes() + comparison.temp_bytes,
-        bytes_written: comparison.temp_bytes,
-        peak_memory_bytes: crate::system::memory::peak_bytes(),
         peak_temp_bytes: comparison.temp_bytes,
+        ..StageReport::since("verify", start, triangles, bytes)
     });
     report.seconds += seconds;
     report.peak_memory_bytes = crate::system::memory::peak_bytes();

@@ -156,7 +156,7 @@ pub(super) fn draw(
             vertices.tick();
             for (i, ids) in faces.triangles.iter().enumerate() {
                 let look = skins.zip(faces.looks.of(i));
-                draw_face(ids, look, (&mut vertices, &frames, number), &mut frame, style)?;
+                draw_face(ids, look, &mut vertices, (&frames, number), &mut frame, style)?;
                 number += 1;
             }
             Ok(())
@@ -185,7 +185,8 @@ pub(super) fn draw(
 fn draw_face(
     ids: &[u64; 3],
     look: Option<(&Skins, FaceLook)>,
-    (vertices, frames, number): (&mut Vertices, &Frames, usize),
+    vertices: &mut Vertices,
+    (frames, number): (&Frames, usize),
     frame: &mut Frame,
     mut style: Style,
 ) -> Result<()> {

@@ -1,6 +1,7 @@
-//! Decided settings of a run of `simplify`: every value final.
+//! Settings of a run of `simplify`.
 
 mod min_component;
+mod target;
 
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
@@ -10,8 +11,10 @@ use stonecut_io::{Lock, NameUse, Weld};
 use stonecut_kernel::{Fit, Placement, Topology};
 use stonecut_mesh::placing::Placing;
 use stonecut_system::memory;
+use stonecut_system::units::parse_bytes;
 
 pub use min_component::MinComponent;
+pub use target::{Level, Method, Target};
 
 /// Default cell size. Cells of 128k-512k triangles are fastest (KERNEL experiments), and at this size a cell
 /// on each of two cores and the finish fit into a budget of 256 MiB.
@@ -23,91 +26,36 @@ pub const FEATURE_ANGLE: f64 = 60.0;
 /// Time between checkpoints, unless a test asks for another: a killed run loses well below a minute.
 pub const CHECKPOINT_EVERY: std::time::Duration = std::time::Duration::from_secs(30);
 
-/// Target of the simplification.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Target {
-    /// At most this many triangles.
-    Triangles(u64),
-    /// This share of the input's triangles, in (0, 1].
-    Ratio(f64),
-    /// As few as keep the distance both ways within this, in input units.
-    MaxError(f64),
-    /// Those of a grid with cells of this length, in input units; only for `Method::Cluster`.
-    CellSize(f64),
+/// Options of a run about its job folder and its output; final as they are typed.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub struct JobOptions {
+    /// Keep the job folder after success.
+    #[arg(long)]
+    pub keep_temp: bool,
+    /// Stop after this stage; the same command without it continues.
+    #[arg(long, value_enum, value_name = "STAGE")]
+    pub until: Option<Until>,
+    /// Replace OUTPUT if it exists.
+    #[arg(long)]
+    pub force: bool,
+    /// Throw away what an earlier run left and start over.
+    #[arg(long)]
+    pub restart: bool,
+    /// Refuse a run that would leave less than this free on a disk that it writes to: 20GiB.
+    #[arg(long = "min-free", value_name = "SIZE", value_parser = parse_bytes, default_value = "0", hide_default_value = true)]
+    pub min_free_bytes: u64,
 }
 
-impl Target {
-    /// The target as a count, for an input of `n_triangles`; of a bound on the error or a grid, a guess.
-    pub fn triangles(self, n_triangles: u64) -> u64 {
-        match self {
-            Target::Triangles(count) => count,
-            Target::Ratio(ratio) => (n_triangles as f64 * ratio).round() as u64,
-            Target::MaxError(_) | Target::CellSize(_) => n_triangles / 10,
-        }
-    }
-}
-
-impl std::fmt::Display for Target {
-    /// As it is stored: `triangles=10035`, `ratio=0.01`, `max_error=0.5`.
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Target::Triangles(count) => write!(f, "triangles={count}"),
-            Target::Ratio(ratio) => write!(f, "ratio={ratio}"),
-            Target::MaxError(bound) => write!(f, "max_error={bound}"),
-            Target::CellSize(size) => write!(f, "grid={size}"),
-        }
-    }
-}
-
-impl Target {
-    /// Refuses a share of `n_triangles` that is less than a triangle.
-    pub fn check(self, n_triangles: u64) -> stonecut_system::Result<()> {
-        match self {
-            Target::Ratio(ratio) if n_triangles > 0 && self.triangles(n_triangles) == 0 => {
-                let ratio = stonecut_system::units::show_share(ratio);
-                Err(stonecut_system::Error::Usage(format!(
-                    "--ratio {ratio} of {n_triangles} triangles is less than one; ask for at least \
-                     --triangles 1"
-                )))
-            }
-            _ => Ok(()),
-        }
-    }
-}
-
-/// A level of a chain: one of several results of one run.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Level {
-    /// Its target.
-    pub target: Target,
-    /// Path of its file.
-    pub output: PathBuf,
-}
-
-/// Method of simplification.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Method {
-    /// Edges collapse, least error first; for results.
-    #[default]
-    Collapse,
-    /// Vertices of a cell of a grid become one; for previews, at the speed of the disk.
-    Cluster,
-    /// Vertices are removed, least distance first; all others stay exactly where they are.
-    Decimate,
-    /// Vertices spread evenly over the surface, joined by nearly equilateral triangles.
-    Retile,
-}
-
-impl Method {
-    /// The name in settings and reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Method::Collapse => "collapse",
-            Method::Cluster => "cluster",
-            Method::Decimate => "decimate",
-            Method::Retile => "retile",
-        }
-    }
+/// Options of a run that show what it has done; final as they are typed.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct CheckOptions {
+    /// Measure how far the result deviates from the input, and report it. The input is the whole one, with what
+    /// --min-component drops; --max-error leaves that out.
+    #[arg(long)]
+    pub verify: bool,
+    /// Write the vertices on the seams of the first round, as a point set.
+    #[arg(long, value_name = "FILE")]
+    pub seams: Option<PathBuf>,
 }
 
 /// Fate of texture coordinates and images.
@@ -233,7 +181,7 @@ pub struct Progressive {
     pub bits: Option<u32>,
 }
 
-/// A run of `simplify`.
+/// Settings of a run of `simplify`, every value final; `Texture::Auto` alone is decided when the input is open.
 #[derive(Clone, Debug)]
 pub struct Config {
     /// The mesh to simplify.
@@ -246,16 +194,10 @@ pub struct Config {
     pub coarser: Vec<Level>,
     /// Method of simplification.
     pub method: Method,
-    /// Angle between triangles, in degrees, beyond which their edge is a feature of `Method::Decimate`.
-    pub feature_angle: f64,
-    /// Power of the curvature by which triangles of `Method::Retile` are denser; 0 for one size.
-    pub gradation: f64,
     /// Contract pairs of vertices without an edge as well, at the end of the collapse.
     pub pairs: bool,
     /// Sweeps of optimisation after the method.
     pub optimize: Option<u32>,
-    /// Take the result of `Method::Cluster` apart where it is not manifold.
-    pub manifold: bool,
     /// Memory budget in bytes.
     pub memory_bytes: u64,
     /// Worker threads.
@@ -264,21 +206,13 @@ pub struct Config {
     pub cell_triangles: u64,
     /// Folder of the temporary data.
     pub job_folder: PathBuf,
-    /// Leave the job folder in place after success.
-    pub keep_temp: bool,
+    /// Its end, and what may be replaced.
+    pub job: JobOptions,
     /// The bound that was asked for, in input units, if this is a trial within a tighter one. A trial leaves what the first round
     /// has made, or the cells if there is none: another one begins from it.
     pub trial_of: Option<f64>,
-    /// Stop early.
-    pub until: Option<Until>,
-    /// Overwrite the output.
-    pub force: bool,
-    /// Throw away what an earlier run left.
-    pub restart: bool,
-    /// File for the vertices on the first round's seams, as a point set.
-    pub seams: Option<PathBuf>,
-    /// Measure the result at the end.
-    pub verify: bool,
+    /// Files and measurements that show what the run has done.
+    pub checks: CheckOptions,
     /// Format of the output.
     pub format: stonecut_io::OutputFormat,
     /// Drop and count broken faces and vertices instead of failing.
@@ -341,22 +275,15 @@ impl Config {
             target,
             coarser: Vec::new(),
             method: Method::default(),
-            feature_angle: FEATURE_ANGLE,
-            gradation: 0.0,
             pairs: false,
             optimize: None,
-            manifold: false,
             memory_bytes: memory::budget_bytes(None, memory::limit_bytes()),
             threads: NonZeroUsize::new(memory::cores()).unwrap_or(NonZeroUsize::MIN),
             cell_triangles: DEFAULT_CELL_TRIANGLES,
             job_folder: job_folder.into(),
-            keep_temp: false,
+            job: JobOptions::default(),
             trial_of: None,
-            until: None,
-            force: false,
-            restart: false,
-            seams: None,
-            verify: false,
+            checks: CheckOptions::default(),
             format: Default::default(),
             skip_bad: false,
             drop_texture: false,
@@ -444,15 +371,15 @@ impl Config {
         if self.method != Method::Collapse {
             settings.retain(|name, _| OF_ALL_METHODS.contains(&name.as_str()));
             settings.insert("method".to_owned(), self.method.name().to_owned());
-            if self.method == Method::Decimate {
-                settings.insert("feature_angle".to_owned(), self.feature_angle.to_string());
-            }
-            if self.method == Method::Retile {
-                settings.insert("gradation".to_owned(), self.gradation.to_string());
-            }
-            if self.manifold {
-                settings.insert("manifold".to_owned(), true.to_string());
-            }
+            let own = match self.method {
+                Method::Collapse | Method::Cluster { manifold: false } => None,
+                Method::Cluster { manifold } => Some(("manifold", manifold.to_string())),
+                Method::Decimate { feature_angle } => {
+                    Some(("feature_angle", feature_angle.to_string()))
+                }
+                Method::Retile { gradation } => Some(("gradation", gradation.to_string())),
+            };
+            settings.extend(own.map(|(name, value)| (name.to_owned(), value)));
         }
         if self.weld != Weld::Auto {
             settings.insert("weld".to_owned(), self.weld.to_string());
@@ -481,6 +408,19 @@ impl Config {
         settings
     }
 
+    /// The kind of the outputs: as asked for, or by name.
+    ///
+    /// Errors: `Usage` for a name that is not that of a mesh.
+    pub fn kind(&self) -> stonecut_system::Result<stonecut_io::OutputKind> {
+        let kind = self.format.kind;
+        kind.map_or_else(|| stonecut_io::OutputKind::of(&self.output), Ok)
+    }
+
+    /// The final paths of the outputs, which files beside them are named after.
+    pub fn named_outputs(&self) -> impl Iterator<Item = &PathBuf> {
+        std::iter::once(&self.textures_beside).chain(self.coarser.iter().map(|level| &level.output))
+    }
+
     /// The outputs, finest first.
     pub fn outputs(&self) -> impl Iterator<Item = &PathBuf> {
         std::iter::once(&self.output).chain(self.coarser.iter().map(|level| &level.output))
@@ -503,45 +443,8 @@ mod tests {
 
     fn config() -> Config {
         Config {
-            input: "in.ply".into(),
-            output: "out.ply".into(),
-            target: Target::Triangles(10_035),
-            coarser: Vec::new(),
-            method: Method::Collapse,
-            feature_angle: FEATURE_ANGLE,
-            gradation: 0.0,
-            manifold: false,
-            optimize: None,
-            pairs: false,
-            memory_bytes: 1 << 30,
-            threads: NonZeroUsize::MIN,
-            cell_triangles: DEFAULT_CELL_TRIANGLES,
-            job_folder: "job".into(),
-            keep_temp: false,
-            trial_of: None,
-            until: None,
-            force: false,
-            restart: false,
-            seams: None,
-            verify: false,
-            format: stonecut_io::OutputFormat::default(),
-            skip_bad: false,
-            drop_texture: false,
             texture: Texture::Keep,
-            bake: BakeSettings::default(),
-            drop_faces: false,
-            names: NameUse::Carried,
-            placing: Placing::default(),
-            textures: None,
-            textures_beside: "out.ply".into(),
-            error_field: false,
-            progressive: None,
-            min_component: None,
-            checkpoint_every: std::time::Duration::from_secs(30),
-            attributes: Attributes::default(),
-            weld: Weld::Auto,
-            lock: None,
-            kernel: stonecut_kernel::Options::default(),
+            ..Config::new("in.ply", "out.ply", Target::Triangles(10_035))
         }
     }
 
@@ -600,12 +503,16 @@ mod tests {
         let names = ["texture", "bake_size", "bake_pages", "bake_normals"];
         assert_eq!(names.map(|name| settings[name].as_str()), ["bake", "4096", "3", "true"]);
         other.texture = Texture::Keep;
-        let clusters =
-            Config { method: Method::Cluster, target: Target::CellSize(2.5), ..config() };
+        let clusters = Config {
+            method: Method::Cluster { manifold: false },
+            target: Target::CellSize(2.5),
+            ..config()
+        };
         let expected =
             ["label=", "method=cluster", "normals=keep", "skip_bad=false", "target=grid=2.5"];
         assert_eq!(lines(&clusters), expected);
-        let decimates = Config { method: Method::Decimate, ..config() };
+        let decimates =
+            Config { method: Method::Decimate { feature_angle: FEATURE_ANGLE }, ..config() };
         assert!(lines(&decimates).contains(&"feature_angle=60".to_owned()));
         other.attributes.normals = Normals::Drop;
         other.kernel.placement = Placement::Midpoint;

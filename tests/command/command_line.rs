@@ -250,3 +250,15 @@ fn boundaries_merge_as_far_as_asked() {
     );
     assert!(said.contains("--topology keep"), "{said}");
 }
+
+/// Refused before any work, where the disk would hold the run but not the reserve.
+#[test]
+fn a_run_leaves_as_much_of_a_disk_free_as_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth terrain in.ply --triangles 500", 0);
+    let said = expect(at, "simplify in.ply out.ply --ratio 50% --min-free 100000TB", 5);
+    assert!(said.contains("--min-free keeps"), "{said}");
+    assert!(!at.join("out.ply").exists() && !at.join("out.ply.stonecut-job").exists());
+    expect(at, "simplify in.ply out.ply --ratio 50% --min-free 1MB", 0);
+}

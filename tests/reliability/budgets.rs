@@ -8,7 +8,7 @@ use std::num::NonZeroUsize;
 use std::path::Path;
 use std::time::Duration;
 use stonecut::config::CHECKPOINT_EVERY;
-use stonecut::config::{Config, DEFAULT_CELL_TRIANGLES, Target};
+use stonecut::config::{Config, DEFAULT_CELL_TRIANGLES, JobOptions, Target};
 use stonecut::kernel::Fit;
 use stonecut::pipeline;
 use stonecut::pipeline::plan::Plan;
@@ -20,8 +20,7 @@ fn config(folder: &Path, ratio: f64) -> Config {
         memory_bytes: 4 << 30,
         threads: NonZeroUsize::new(2).unwrap(),
         cell_triangles: DEFAULT_CELL_TRIANGLES,
-        force: true,
-        restart: true,
+        job: JobOptions { force: true, restart: true, ..JobOptions::default() },
         ..crate::common::config(folder, Target::Ratio(ratio))
     }
 }
@@ -32,7 +31,7 @@ fn with_memory(config: &Config, usable_bytes: u64) -> (Plan, u64) {
     let mut prepared = pipeline::prepare(config).unwrap();
     prepared.plan.usable_memory_bytes = usable_bytes;
     let plan = prepared.plan.clone();
-    pipeline::simplify_on(&disk, prepared, config, &Progress::default()).unwrap();
+    pipeline::simplify_on(&disk, prepared, &Progress::default()).unwrap();
     (plan, disk.peak_bytes())
 }
 

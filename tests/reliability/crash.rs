@@ -25,7 +25,7 @@ fn config(folder: &Path, targets: &[u64]) -> Config {
 
 fn simplify(disk: &Disk, config: &Config) -> Result<()> {
     let prepared = pipeline::prepare(config)?;
-    pipeline::simplify_on(disk, prepared, config, &Progress::default()).map(|_| ())
+    pipeline::simplify_on(disk, prepared, &Progress::default()).map(|_| ())
 }
 
 /// A fast folder where there is one: thousands of small jobs are written.
@@ -278,10 +278,12 @@ fn a_death_between_checkpoints_costs_nothing() {
 #[test]
 fn a_checkpoint_is_taken_up() {
     let bench = bench_with(LONG_JOB, Duration::ZERO);
+    let mut config = bench.config.clone();
+    config.job.until = Some(Until::Partition);
     let written = |freeze_at: u64| {
         let disk = Disk::for_crash_tests();
         disk.freeze_at(freeze_at);
-        let _ = simplify(&disk, &Config { until: Some(Until::Partition), ..bench.config.clone() });
+        let _ = simplify(&disk, &config);
         disk.bytes_written()
     };
     let whole = written(0);
@@ -393,8 +395,7 @@ fn an_input_that_changes_while_it_is_read_is_named() {
                     change(&path);
                 }
             });
-            let outcome =
-                pipeline::simplify_on(&disk, prepared, &bench.config, &Progress::default());
+            let outcome = pipeline::simplify_on(&disk, prepared, &Progress::default());
             match outcome {
                 Ok(_) => {
                     assert!(bench.output_is_absent_or_whole("a later change"));

@@ -134,7 +134,7 @@ fn a_run_that_was_stopped_while_it_cleared_up_ends() {
     };
     let simplify = |disk: &Disk| {
         let prepared = pipeline::prepare(&config)?;
-        pipeline::simplify_on(disk, prepared, &config, &Progress::default())
+        pipeline::simplify_on(disk, prepared, &Progress::default())
     };
     let disk = Disk::default();
     simplify(&disk).unwrap();

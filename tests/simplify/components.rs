@@ -491,7 +491,7 @@ fn config(folder: &Path) -> Config {
 
 fn simplify(disk: &Disk, config: &Config) -> stonecut::Result<()> {
     let prepared = pipeline::prepare(config)?;
-    pipeline::simplify_on(disk, prepared, config, &Progress::default()).map(|_| ())
+    pipeline::simplify_on(disk, prepared, &Progress::default()).map(|_| ())
 }
 
 /// Dies at every change of the disk, with what was not synced lost or not, then goes on.

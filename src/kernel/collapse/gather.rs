@@ -30,7 +30,7 @@ impl Collapser {
             let (ids, in_ring) = ids_of_ring(known, &surface.arena, ring0, first);
             let [b, c] = L::others(ids.map(|t| known.at(&surface.triangles, t)), v0);
             let keep = in_ring & !(L::matches(&b, v1) | L::matches(&c, v1));
-            self.put::<L>(n, (&ids, &b, &c), keep);
+            self.put::<L>(n, [&ids, &b, &c], keep);
             n += keep.count_ones() as usize;
             first += 8;
         }
@@ -42,9 +42,9 @@ impl Collapser {
             let [b, c] = L::others(ids.map(|t| known.at(&surface.triangles, t)), v1);
             let vanish = in_ring & (L::matches(&b, v0) | L::matches(&c, v0));
             let keep = in_ring & !vanish;
-            self.put::<L>(n, (&ids, &b, &c), keep);
+            self.put::<L>(n, [&ids, &b, &c], keep);
             n += keep.count_ones() as usize;
-            self.put::<L>(GONE_AT | (n_gone & 7), (&ids, &b, &c), vanish);
+            self.put::<L>(GONE_AT | (n_gone & 7), [&ids, &b, &c], vanish);
             n_gone += vanish.count_ones() as usize;
             first += 8;
         }
@@ -73,12 +73,7 @@ impl Collapser {
 
     /// Puts the triangles whose bits are set to where the next ones go.
     #[inline(always)]
-    fn put<L: Lanes>(
-        &mut self,
-        n: usize,
-        (ids, b, c): (&[u32; 8], &[u32; 8], &[u32; 8]),
-        bits: u32,
-    ) {
+    fn put<L: Lanes>(&mut self, n: usize, [ids, b, c]: [&[u32; 8]; 3], bits: u32) {
         let n = n & (ROOM - 1);
         for (to, list) in [(&mut self.ids, ids), (&mut self.b, b), (&mut self.c, c)] {
             if let Some(to) = to[n..].first_chunk_mut::<8>() {

@@ -19,7 +19,8 @@ use stonecut_mesh::vec3::{Vec3, add, dot, length_sq, scale, sub};
 /// Corrects eight edges; where `fixed` is not 0, the survivor stays at `v1`.
 #[inline(never)]
 pub(crate) fn correct(
-    (surface, wedges, channel): (&Surface, Option<&Wedges>, usize),
+    surface: &Surface,
+    (wedges, channel): (Option<&Wedges>, usize),
     v0: &[u32; 8],
     v1: &[u32; 8],
     fixed: &[f32; 8],

@@ -24,7 +24,8 @@ const ROOM: usize = (MAX_VALENCE as usize).next_multiple_of(8);
 /// factors.
 #[inline(never)]
 pub(crate) fn correct(
-    (surface, wedges, active): (&Surface, &Wedges, &[(usize, f32)]),
+    surface: &Surface,
+    (wedges, active): (&Wedges, &[(usize, f32)]),
     v0: &[u32; 8],
     v1: &[u32; 8],
     fixed: &[f32; 8],

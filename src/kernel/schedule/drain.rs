@@ -245,7 +245,7 @@ impl Driver {
             }
             let entry = batch.entry(i);
             let again;
-            let mut settled = (batch, found, i);
+            let (mut at, mut evaluated) = ((batch, i), found);
             if self.has_changed(known, entry, begun) {
                 one.n = 0;
                 self.take_up(known, queue, (batch.bucket[i], entry), &mut one);
@@ -254,9 +254,9 @@ impl Driver {
                 }
                 one.fill_up();
                 again = evaluate_eight::<L>((known, &self.state), &one.v0, &one.v1, &one.fixed);
-                settled = (&one, &again, 0);
+                (at, evaluated) = ((&one, 0), &again);
             }
-            self.settle::<L>(known, queue, settled, limits);
+            self.settle::<L>(known, queue, at, evaluated, limits);
         }
     }
 
@@ -266,7 +266,8 @@ impl Driver {
         &mut self,
         known: KnownIds,
         queue: &mut BucketQueue,
-        (batch, found, i): (&Batch, &Evaluated, usize),
+        (batch, i): (&Batch, usize),
+        found: &Evaluated,
         limits: Limits,
     ) {
         let (entry, cost) = (batch.entry(i), found.cost[i] * batch.weight[i]);

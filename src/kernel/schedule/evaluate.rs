@@ -37,7 +37,7 @@ pub(super) fn evaluate_eight<L: Lanes>(
         placement::choose(surface.placement, (from, to), fixed, surface.scale, &mut found);
     }
     if let Some(channel) = state.label {
-        labels::correct((surface, state.wedges.as_deref(), channel), v0, v1, fixed, &mut found);
+        labels::correct(surface, (state.wedges.as_deref(), channel), v0, v1, fixed, &mut found);
     }
     found
 }
@@ -61,7 +61,7 @@ fn evaluate_attributes<L: Lanes>(
     };
     if let Some(wedges) = &state.wedges {
         let active = state.attributes.as_ref().map_or(&[][..], |a| a.active());
-        seam::correct((surface, wedges, active), v0, v1, fixed, &mut found);
+        seam::correct(surface, (wedges, active), v0, v1, fixed, &mut found);
     }
     found
 }

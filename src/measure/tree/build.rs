@@ -108,7 +108,7 @@ impl Tree {
         };
         if overlaps(&self.nodes[0], below[0]) {
             self.nodes = Vec::new();
-            self.root = TILTED | self.tilt_below(below[0], stop);
+            self.root = TILTED | self.tilt_below((below[0].1, below[0].2), stop);
             return;
         }
         let (mut waiting, mut is_any) = (vec![0u32], false);
@@ -120,7 +120,8 @@ impl Tree {
                 }
                 let sum = below[child as usize];
                 if overlaps(&self.nodes[child as usize], sum) {
-                    self.nodes[at as usize].child[lane] = TILTED | self.tilt_below(sum, stop);
+                    self.nodes[at as usize].child[lane] =
+                        TILTED | self.tilt_below((sum.1, sum.2), stop);
                     is_any = true;
                 } else if sum.1 >= FEW {
                     waiting.push(child);
@@ -134,7 +135,7 @@ impl Tree {
     }
 
     /// Builds tilted boxes over the triangles of a node; their slots follow each other.
-    fn tilt_below(&mut self, (_, n, first): (f64, u32, u32), stop: &dyn Fn() -> bool) -> u32 {
+    fn tilt_below(&mut self, (n, first): (u32, u32), stop: &dyn Fn() -> bool) -> u32 {
         let slots = first as usize..(first + n) as usize;
         let (corners, ids) = (&mut self.corners[slots.clone()], &mut self.ids[slots]);
         self.tilted.add(corners, ids, first, stop)

@@ -22,8 +22,8 @@ use crate::system::progress::Progress;
 use crate::system::units::{memory_word, show_bytes, show_count};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
-use tree::{Allowed, Cut, Tree};
-use weld::{COLOURS, Joined, Rows, VERTICES_PER_TRIANGLE};
+use tree::{Allowed, Tree, TreeCut};
+use weld::{COLOURS, JoinedTiles, Rows, VERTICES_PER_TRIANGLE};
 
 /// Fineness of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,8 +101,8 @@ fn run(config: &ExtractConfig, progress: &Progress) -> Result<Extracted> {
     progress.begin("extract", 1, 1 + u32::from(target.is_some()), cut.triangles);
     let memory_bytes = config.memory_bytes.saturating_sub(BASE_BYTES);
     let threads = config.threads.get();
-    let read = (&tree, &cut, &rows);
-    let mut joined = weld::join(&config.tiles, read, threads, memory_bytes, progress)?;
+    let mut joined =
+        weld::join(&config.tiles, (&tree, &cut), &rows, threads, memory_bytes, progress)?;
     let mut reached = true;
     if let Some(target) = target {
         progress.begin("finish", 2, 2, joined.mesh.triangles.len() as u64);
@@ -130,7 +130,7 @@ fn choose(
     tree: &Tree,
     wanted: Wanted,
     inside: Option<(Bounds, f64)>,
-) -> Result<(Cut, Option<u64>)> {
+) -> Result<(TreeCut, Option<u64>)> {
     let n = match wanted {
         Wanted::MaxError(outside) => return Ok((tree.cut(&Allowed { outside, inside }), None)),
         Wanted::Triangles(n) => n,
@@ -153,7 +153,7 @@ fn choose(
 fn check_memory(
     config: &ExtractConfig,
     (tree, rows): (&Tree, &Rows),
-    (cut, target): (&Cut, Option<u64>),
+    (cut, target): (&TreeCut, Option<u64>),
     inside: Option<(Bounds, f64)>,
 ) -> Result<()> {
     let needed = |triangles: u64| {
@@ -188,12 +188,12 @@ fn check_memory(
 
 /// Meets a number of triangles; what lies in the box stays. True if it was met.
 fn finish(
-    joined: Joined,
+    joined: JoinedTiles,
     rows: &Rows,
     target: u64,
     inside: Option<[[f64; 3]; 2]>,
-) -> (Joined, bool) {
-    let Joined { mesh, has_colours, mut records } = joined;
+) -> (JoinedTiles, bool) {
+    let JoinedTiles { mesh, has_colours, mut records } = joined;
     let is_inside = |p: &[f64; 3]| {
         inside.is_some_and(|[low, high]| (0..3).all(|k| low[k] <= p[k] && p[k] <= high[k]))
     };
@@ -209,12 +209,17 @@ fn finish(
         }
         records.truncate(done.source.len() * n);
     }
-    (Joined { mesh: done.mesh, has_colours, records }, reached)
+    (JoinedTiles { mesh: done.mesh, has_colours, records }, reached)
 }
 
 /// Writes the mesh; returns the bytes of the file, and what it has no place for. `step`: of the finest lattice.
-fn write(config: &ExtractConfig, joined: &Joined, rows: &Rows, step: f64) -> Result<(u64, Ledger)> {
-    let Joined { mesh, has_colours, records: old } = joined;
+fn write(
+    config: &ExtractConfig,
+    joined: &JoinedTiles,
+    rows: &Rows,
+    step: f64,
+) -> Result<(u64, Ledger)> {
+    let JoinedTiles { mesh, has_colours, records: old } = joined;
     let largest = mesh.positions.iter().flatten().fold(0.0f64, |most, x| most.max(x.abs()));
     // Floats where they hold half a step of the lattice.
     let fits = largest * f64::from(f32::EPSILON) <= step;

@@ -32,7 +32,7 @@ pub(super) struct Node {
 
 /// Tiles that are shown finer together.
 #[derive(Clone, Debug, Default)]
-struct Group {
+struct TileGroup {
     /// Distance of its tiles from the input, at most.
     deviation: f64,
     /// Its tiles, and the finer ones below them.
@@ -45,7 +45,7 @@ struct Group {
 pub(super) struct Tree {
     pub(super) nodes: Vec<Node>,
     /// Finer levels first.
-    groups: Vec<Group>,
+    groups: Vec<TileGroup>,
     /// Place of coordinate 0 of the lattice.
     pub(super) origin: [f64; 3],
     /// Length of a step of level 0.
@@ -64,7 +64,7 @@ pub(super) struct Allowed {
 
 /// Tiles that make a mesh together.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Cut {
+pub(super) struct TreeCut {
     /// Coarse ones first.
     pub(super) tiles: Vec<usize>,
     pub(super) triangles: u64,
@@ -97,13 +97,15 @@ impl Tree {
         let scalars = TileScalar::read_list(&facts["scalars"])
             .map_err(|what| bad(format!("{FILE_NAME}: {what}")))?;
         let is_z_up = facts["up"].as_str() != Some("y");
-        let mut reader = Reader { folder, is_z_up, nodes: Vec::new(), facts: BTreeMap::new() };
+        let mut reader = TreeReader { folder, is_z_up, nodes: Vec::new(), facts: BTreeMap::new() };
         reader.tile(FILE_NAME, &set.root, (None, 0))?;
         let mut tree = Tree { origin: [x, y, z], step, scalars, ..Tree::default() };
-        let Reader { mut nodes, facts, .. } = reader;
+        let TreeReader { mut nodes, facts, .. } = reader;
         let numbers: BTreeMap<(u32, u32), usize> = facts.keys().copied().zip(0..).collect();
-        tree.groups =
-            facts.values().map(|facts| Group { deviation: facts.0, ..Group::default() }).collect();
+        tree.groups = facts
+            .values()
+            .map(|facts| TileGroup { deviation: facts.0, ..TileGroup::default() })
+            .collect();
         for (node, key) in
             facts.iter().flat_map(|(key, (_, own))| own.iter().map(move |n| (*n, key)))
         {
@@ -122,7 +124,7 @@ impl Tree {
     }
 
     /// The coarsest cut that keeps within the allowed distances.
-    pub(super) fn cut(&self, allowed: &Allowed) -> Cut {
+    pub(super) fn cut(&self, allowed: &Allowed) -> TreeCut {
         let mut refined = vec![false; self.groups.len()];
         // Groups are sorted by level, so those below come first.
         for (number, group) in self.groups.iter().enumerate() {
@@ -137,7 +139,7 @@ impl Tree {
                 || allowed.inside.as_ref().is_some_and(is_near)
                 || group.below.iter().any(needed);
         }
-        let mut cut = Cut::default();
+        let mut cut = TreeCut::default();
         let is_refined = |node: &Node| node.group.is_some_and(|group| refined[group]);
         for (number, node) in self.nodes.iter().enumerate() {
             let is_below = node.parent.is_none_or(|parent| is_refined(&self.nodes[parent]));
@@ -180,14 +182,14 @@ fn meets(a: &Bounds, b: &Bounds) -> bool {
 /// Groups by level and number: their distance from the input and their tiles.
 type Facts = BTreeMap<(u32, u32), (f64, Vec<usize>)>;
 
-struct Reader<'a> {
+struct TreeReader<'a> {
     folder: &'a Path,
     is_z_up: bool,
     nodes: Vec<Node>,
     facts: Facts,
 }
 
-impl Reader<'_> {
+impl TreeReader<'_> {
     fn tile(
         &mut self,
         file: &str,

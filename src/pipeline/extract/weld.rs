@@ -1,6 +1,6 @@
 //! Joins the tiles of a cut into one mesh: what several of them have is one vertex by its number in the input.
 
-use super::tree::{Cut, Tree};
+use super::tree::{Tree, TreeCut};
 use crate::error::{Error, Result};
 use crate::io::tileset::{TileBorder, border_path, decode_borders, most_tile_bytes};
 use crate::io::{StoredPage, StoredTile, TileMesh, TileScalar, decode_tile_within};
@@ -44,14 +44,14 @@ struct Read {
 pub(super) const COLOURS: usize = 3;
 
 /// Memory for pages that are looked at.
-struct Pages {
+struct TilePages {
     /// Bytes for all of them, and for one that others are looked at beside.
     free_bytes: u64,
     share_bytes: u64,
     large: Mutex<()>,
 }
 
-impl Pages {
+impl TilePages {
     /// Adds up what the page shows at the vertices of its tile; `bad` makes an error of what is wrong with it.
     fn shown(
         &self,
@@ -81,7 +81,7 @@ impl Pages {
         }
         // A decoder that panics is a damaged image.
         guarded(|| {
-            Ok(add_corners((&page.image, page.size, page.factor), &mesh.triangles, corner, sums))
+            Ok(add_corners((&page.image, page.size), page.factor, &mesh.triangles, corner, sums))
         })
         .unwrap_or_else(|error| Err(error.to_string()))
         .map_err(|what| bad(format!("its image cannot be decoded ({what})")))
@@ -119,7 +119,7 @@ impl Rows {
 }
 
 /// The tiles of a cut as one mesh.
-pub(super) struct Joined {
+pub(super) struct JoinedTiles {
     /// Its channels are linear colours, if there are any, and those of the rows.
     pub(super) mesh: Mesh,
     pub(super) has_colours: bool,
@@ -139,12 +139,13 @@ pub(super) fn join_bytes(vertices: u64, triangles: u64, rows: &Rows) -> u64 {
 /// Errors: `BadInput` for a tile that cannot be read, `NoMemory` if the mesh outgrows `memory_bytes`.
 pub(super) fn join(
     folder: &Path,
-    (tree, cut, rows): (&Tree, &Cut, &Rows),
+    (tree, cut): (&Tree, &TreeCut),
+    rows: &Rows,
     threads: usize,
     memory_bytes: u64,
     progress: &Progress,
-) -> Result<Joined> {
-    let mut joined = Joined { mesh: Mesh::default(), has_colours: false, records: Vec::new() };
+) -> Result<JoinedTiles> {
+    let mut joined = JoinedTiles { mesh: Mesh::default(), has_colours: false, records: Vec::new() };
     let mut known: HashMap<GlobalVertex, u32> = HashMap::new();
     joined.mesh.triangles.reserve_exact(cut.triangles as usize);
     let free_bytes = memory_bytes.saturating_sub(join_bytes(
@@ -154,7 +155,7 @@ pub(super) fn join(
     ));
     let most_bytes = most_tile_bytes(memory_bytes, threads);
     let share_bytes = free_bytes / 2 / threads as u64;
-    let pages = Pages { free_bytes, share_bytes, large: Mutex::new(()) };
+    let pages = TilePages { free_bytes, share_bytes, large: Mutex::new(()) };
     let name = |index: u64| tree.nodes[cut.tiles[index as usize]].content.as_deref().unwrap_or("");
     in_order(
         cut.tiles.len() as u64,
@@ -196,7 +197,7 @@ pub(super) fn join(
                     format!("{}: it differs from other tiles in having colours", name(index));
                 return Err(Error::bad_input(folder, what));
             }
-            add(&mut joined, rows, &mut known, (&tile, &border, &out.shown), tree.origin);
+            add(&mut joined, rows, &mut known, (&tile, &border), &out.shown, tree.origin);
             let mesh = &joined.mesh;
             let (vertices, triangles) = (mesh.positions.len() as u64, mesh.triangles.len() as u64);
             let bytes = join_bytes(vertices, triangles, rows) + BORDER_BYTES * known.len() as u64;
@@ -220,13 +221,14 @@ pub(super) fn join(
 }
 
 fn add(
-    joined: &mut Joined,
+    joined: &mut JoinedTiles,
     rows: &Rows,
     known: &mut HashMap<GlobalVertex, u32>,
-    (tile, border, shown): (&StoredTile, &TileBorder, &[Light]),
+    (tile, border): (&StoredTile, &TileBorder),
+    shown: &[Light],
     origin: [f64; 3],
 ) {
-    let Joined { mesh, records, has_colours } = joined;
+    let JoinedTiles { mesh, records, has_colours } = joined;
     let mut numbers = border.iter().copied().peekable();
     let mut place = Vec::with_capacity(tile.mesh.positions.len());
     let first = mesh.positions.len();

@@ -6,7 +6,7 @@
 //!
 //! docs/algorithm.md, section 10.
 
-use super::whole::Whole;
+use super::whole::WholeMesh;
 use crate::error::Result;
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
@@ -22,7 +22,7 @@ use std::ops::Range;
 const BLOCK: usize = 1 << 16;
 
 /// A mesh cut into cells. Memory: 4 bytes a triangle, 1 a vertex; 4 a vertex more while it is made.
-pub(super) struct Cut {
+pub(super) struct CutMesh {
     /// Triangles, cell by cell; within a cell in the order of the mesh.
     order: Vec<u32>,
     /// First place of each cell in `order`, and the end.
@@ -33,7 +33,7 @@ pub(super) struct Cut {
     pub(super) n_shared: u64,
 }
 
-impl Cut {
+impl CutMesh {
     /// Cuts `mesh` into cells of about `cell_triangles` triangles, in the frame of a round.
     pub(super) fn new(
         mesh: &Mesh,
@@ -41,7 +41,7 @@ impl Cut {
         round: u32,
         threads: usize,
         progress: &Progress,
-    ) -> Result<Cut> {
+    ) -> Result<CutMesh> {
         let cell_of = cells_of_vertices(mesh, cell_triangles, round, threads, progress)?;
         let n_cells = cell_of.iter().max().map_or(1, |last| last.index() + 1);
         let mut shared = vec![false; mesh.positions.len()];
@@ -65,7 +65,7 @@ impl Cut {
             *place += 1;
         }
         let n_shared = shared.iter().filter(|&&shared| shared).count() as u64;
-        Ok(Cut { order, starts, shared, n_shared })
+        Ok(CutMesh { order, starts, shared, n_shared })
     }
 
     pub(super) fn n_cells(&self) -> usize {
@@ -82,11 +82,11 @@ impl Cut {
 
     /// Copies one cell out of the mesh that was cut. Its vertices are in the order of the mesh; its ids are those of
     /// `whole`. Without repeated triangles if `tidies`.
-    pub(super) fn load(&self, whole: &Whole, cell: CellId, tidies: bool) -> CellMesh {
+    pub(super) fn load(&self, whole: &WholeMesh, cell: CellId, tidies: bool) -> CellMesh {
         let mesh = &whole.mesh;
         let rows = &self.order[self.range(cell)];
         let corners = || rows.iter().flat_map(|&t| mesh.triangles[t as usize]);
-        let ranks = Ranks::of(corners);
+        let ranks = CellRanks::of(corners);
         let vertices: Vec<u32> = ranks.ids().collect();
         let mut out = CellMesh {
             ids: vertices.iter().map(|&v| GlobalVertex::in_memory(whole.ids[v as usize])).collect(),
@@ -153,15 +153,15 @@ fn cells_of_vertices(
 }
 
 /// A set of numbers with the rank of each: a bit for every number between the least and the greatest.
-struct Ranks {
+struct CellRanks {
     first: u32,
     words: Vec<u64>,
     /// Members before each word.
     before: Vec<u32>,
 }
 
-impl Ranks {
-    fn of<I: Iterator<Item = u32>>(members: impl Fn() -> I) -> Ranks {
+impl CellRanks {
+    fn of<I: Iterator<Item = u32>>(members: impl Fn() -> I) -> CellRanks {
         let (first, last) =
             members().fold((u32::MAX, 0), |(low, high), v| (low.min(v), high.max(v)));
         let n_words = if first > last { 0 } else { ((last - first) / 64 + 1) as usize };
@@ -174,7 +174,7 @@ impl Ranks {
             Some(*n - word.count_ones())
         });
         let before = before.collect();
-        Ranks { first, words, before }
+        CellRanks { first, words, before }
     }
 
     fn rank(&self, v: u32) -> u32 {
@@ -198,10 +198,10 @@ mod tests {
     #[test]
     fn ranks_count_the_members_before() {
         let members = [130u32, 7, 8, 70, 7, 71, 4_000];
-        let ranks = Ranks::of(|| members.into_iter());
+        let ranks = CellRanks::of(|| members.into_iter());
         assert_eq!(ranks.ids().collect::<Vec<_>>(), [7, 8, 70, 71, 130, 4_000]);
         assert_eq!([7, 8, 70, 71, 130, 4_000].map(|v| ranks.rank(v)), [0, 1, 2, 3, 4, 5]);
-        assert_eq!(Ranks::of(std::iter::empty).ids().count(), 0);
+        assert_eq!(CellRanks::of(std::iter::empty).ids().count(), 0);
     }
 
     /// A flat sheet of 20 by 20 quads in four cells or more.
@@ -218,10 +218,11 @@ mod tests {
         mesh.n_channels = 1;
         mesh.channels = (0..(n + 1) * (n + 1)).map(|v| v as f32).collect();
         let n_vertices = mesh.positions.len();
-        let whole = Whole { ids: (0..n_vertices as u32).collect(), mesh };
+        let whole = WholeMesh { ids: (0..n_vertices as u32).collect(), mesh };
         let progress = Progress::default();
         for threads in [1, 3] {
-            let cut = Cut::new(&whole.mesh, 200, 0, threads, &progress).expect("nothing stops it");
+            let cut =
+                CutMesh::new(&whole.mesh, 200, 0, threads, &progress).expect("nothing stops it");
             assert!(cut.n_cells() >= 4);
             let mut users = vec![0; n_vertices];
             let mut found = Vec::new();

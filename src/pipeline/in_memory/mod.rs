@@ -20,17 +20,17 @@ use crate::mesh::codec::ChannelKind;
 use crate::mesh::global_vertex::GlobalVertex;
 use crate::pipeline::quality::QualityCurve;
 use crate::pipeline::run_report::{QualityReport, StopReason};
-use crate::stages::stitch::{self, Step};
+use crate::stages::stitch::{self, NextStep};
 use crate::store::cells::CellMesh;
 use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
 use attributes::Attributes;
-use cells::Cut;
+use cells::CutMesh;
 use rounds::Means;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use weld::{Welded, weld};
-use whole::{Left, Whole};
+use whole::{Left, WholeMesh};
 
 /// A mesh in memory, and what its vertices carry.
 #[derive(Debug, Default)]
@@ -120,7 +120,7 @@ pub fn simplify(input: Input, config: &Config, progress: &Progress) -> Result<Ou
     attributes.find_patches(&triangles);
     let n_vertices = positions.len() as u64;
     let Welded { positions, triangles, ids } = weld(positions, triangles, config)?;
-    let mut run = Run::new(&positions, &triangles, &attributes, config, progress)?;
+    let mut run = MemoryRun::new(&positions, &triangles, &attributes, config, progress)?;
     run.report.input.vertices = n_vertices;
     run.report.input.joined_vertices = n_vertices - positions.len() as u64;
     let mut mesh = Mesh::new(positions, triangles);
@@ -131,7 +131,7 @@ pub fn simplify(input: Input, config: &Config, progress: &Progress) -> Result<Ou
     }
     attributes.decode(&mut mesh, &ids, (config.threads.get(), progress))?;
     run.weigh(&mesh, &attributes);
-    let whole = run.reach(Whole { ids, mesh })?;
+    let whole = run.reach(WholeMesh { ids, mesh })?;
     if whole.mesh.triangles.is_empty() {
         let what = format!(
             "no triangle is left at a target of {}; ask for more, or look at the input with info",
@@ -146,7 +146,7 @@ pub fn simplify(input: Input, config: &Config, progress: &Progress) -> Result<Ou
 }
 
 /// A run under way.
-struct Run<'a> {
+struct MemoryRun<'a> {
     config: &'a Config,
     options: Options,
     means: Means<'a>,
@@ -154,14 +154,14 @@ struct Run<'a> {
     report: Report,
 }
 
-impl<'a> Run<'a> {
+impl<'a> MemoryRun<'a> {
     fn new(
         positions: &[[f64; 3]],
         triangles: &[[u32; 3]],
         attributes: &Attributes,
         config: &'a Config,
         progress: &'a Progress,
-    ) -> Result<Run<'a>> {
+    ) -> Result<MemoryRun<'a>> {
         let (n_vertices, n_triangles) = (positions.len() as u64, triangles.len() as u64);
         if n_triangles == 0 {
             return Err(Error::bad_input("faces", "there are none: there is nothing to simplify"));
@@ -198,7 +198,7 @@ impl<'a> Run<'a> {
         };
         let memory_bytes = room(n_vertices, n_triangles, attributes.channel_kinds().len(), config)?;
         let means = Means { threads: config.threads.get(), memory_bytes, progress };
-        Ok(Run { config, options, means, quality: QualityCurve::default(), report })
+        Ok(MemoryRun { config, options, means, quality: QualityCurve::default(), report })
     }
 
     fn drop_degenerate(&mut self, mesh: &mut Mesh) {
@@ -224,26 +224,28 @@ impl<'a> Run<'a> {
     }
 
     /// Goes round by round to the target.
-    fn reach(&mut self, mut whole: Whole) -> Result<Whole> {
+    fn reach(&mut self, mut whole: WholeMesh) -> Result<WholeMesh> {
         let (target, size) = (self.report.target, self.config.cell_triangles);
         loop {
             let now = whole.mesh.triangles.len() as u64;
             let rounds = self.report.rounds;
             match stitch::next_step(now, target, size, rounds) {
-                Step::Round(goal) if now > target && !finishes(now, size, rounds) => {
+                NextStep::Round(goal) if now > target && !finishes(now, size, rounds) => {
                     whole = self.round(whole, goal)?;
                 }
-                Step::Done => return Ok(whole),
-                Step::Finish | Step::ExactRound | Step::Round(_) => return self.finish(whole),
+                NextStep::Done => return Ok(whole),
+                NextStep::Finish | NextStep::ExactRound | NextStep::Round(_) => {
+                    return self.finish(whole);
+                }
             }
         }
     }
 
-    fn round(&mut self, whole: Whole, goal: u64) -> Result<Whole> {
+    fn round(&mut self, whole: WholeMesh, goal: u64) -> Result<WholeMesh> {
         let (means, size, round) = (self.means, self.config.cell_triangles, self.report.rounds);
         let now = whole.mesh.triangles.len() as u64;
         means.progress.begin("simplify", round + 1, self.n_stages(now), now);
-        let cut = Cut::new(&whole.mesh, size, round, means.threads, means.progress)?;
+        let cut = CutMesh::new(&whole.mesh, size, round, means.threads, means.progress)?;
         if round == 0 {
             self.report.cells = cut.n_cells() as u32;
             self.report.shared_vertices = cut.n_shared;
@@ -261,19 +263,19 @@ impl<'a> Run<'a> {
             end.add(&cell.simplified.statistics.quality.unwrap_or_default());
         }
         drop(whole);
-        let joined = Whole::join(left);
+        let joined = WholeMesh::join(left);
         self.quality.add_round(&[], end, joined.mesh.triangles.len() as u64);
         self.report.rounds += 1;
         Ok(joined)
     }
 
     /// Meets the target in one call of the kernel.
-    fn finish(&mut self, whole: Whole) -> Result<Whole> {
+    fn finish(&mut self, whole: WholeMesh) -> Result<WholeMesh> {
         let now = whole.mesh.triangles.len() as u64;
         let progress = self.means.progress;
         let number = self.report.rounds + 1;
         progress.begin("finish", number, number.max(self.n_stages(now)), now);
-        let Whole { ids, mesh } = whole;
+        let WholeMesh { ids, mesh } = whole;
         let mut cell = CellMesh {
             shared: vec![false; ids.len()],
             ids: ids.into_iter().map(GlobalVertex::in_memory).collect(),
@@ -299,7 +301,7 @@ impl<'a> Run<'a> {
         let quality = statistics.quality.unwrap_or_default();
         self.quality.add_round(&statistics.curve, quality, simplified.mesh.triangles.len() as u64);
         let source = simplified.source.iter().map(|&v| ids[v as usize].narrow()).collect();
-        Ok(sorted(Whole { ids: source, mesh: simplified.mesh }))
+        Ok(sorted(WholeMesh { ids: source, mesh: simplified.mesh }))
     }
 
     fn count(&mut self, statistics: &Statistics) {
@@ -317,7 +319,7 @@ impl<'a> Run<'a> {
     fn n_stages(&self, mut now: u64) -> u32 {
         let mut rounds = self.report.rounds;
         let (target, size) = (self.report.target, self.config.cell_triangles);
-        while let Step::Round(goal) = stitch::next_step(now, target, size, rounds) {
+        while let NextStep::Round(goal) = stitch::next_step(now, target, size, rounds) {
             if goal >= now || finishes(now, size, rounds) {
                 break;
             }
@@ -349,17 +351,17 @@ fn finishes(now: u64, cell_triangles: u64, rounds_done: u32) -> bool {
 }
 
 /// Brings the vertices into the order of the input.
-fn sorted(whole: Whole) -> Whole {
-    let Whole { ids, mesh } = whole;
+fn sorted(whole: WholeMesh) -> WholeMesh {
+    let WholeMesh { ids, mesh } = whole;
     if ids.is_sorted() {
-        return Whole { ids, mesh };
+        return WholeMesh { ids, mesh };
     }
     let mut by_id: Vec<u32> = (0..ids.len() as u32).collect();
     by_id.sort_unstable_by_key(|&v| ids[v as usize]);
     let mut place = vec![0u32; ids.len()];
     (0u32..).zip(&by_id).for_each(|(new, &old)| place[old as usize] = new);
     let channels = by_id.iter().flat_map(|&v| mesh.channels_of(v).iter().copied()).collect();
-    Whole {
+    WholeMesh {
         ids: by_id.iter().map(|&v| ids[v as usize]).collect(),
         mesh: Mesh {
             positions: by_id.iter().map(|&v| mesh.positions[v as usize]).collect(),

@@ -2,8 +2,8 @@
 //!
 //! docs/algorithm.md, section 11.
 
-use super::cells::Cut;
-use super::whole::{Left, Whole};
+use super::cells::CutMesh;
+use super::whole::{Left, WholeMesh};
 use crate::error::Result;
 use crate::kernel::{self, Options, Simplified, Stepwise, Stop};
 use crate::mesh::global_vertex::GlobalVertex;
@@ -31,8 +31,8 @@ pub(super) struct Means<'a> {
 
 /// Simplifies every cell of `cut` until about `goal` triangles are left in all of them.
 pub(super) fn round(
-    whole: &Whole,
-    cut: &Cut,
+    whole: &WholeMesh,
+    cut: &CutMesh,
     goal: u64,
     (options, tidies): (&Options, bool),
     means: Means,
@@ -70,7 +70,7 @@ pub(super) fn simplify(mut cell: CellMesh, stop: Stop, options: &Options) -> Lef
 
 /// Runs `work` on some cells, largest first, as many at once as the memory holds.
 fn for_cells(
-    cut: &Cut,
+    cut: &CutMesh,
     cells: impl Iterator<Item = CellId>,
     (options, means): (&Options, Means),
     work: impl Fn(CellId) -> Result<()> + Sync,
@@ -97,7 +97,7 @@ fn for_cells(
 type Begun = BTreeMap<CellId, (Vec<GlobalVertex>, Stepwise)>;
 
 struct Pilot<'a> {
-    cut: &'a Cut,
+    cut: &'a CutMesh,
     load: &'a (dyn Fn(CellId) -> CellMesh + Sync),
     options: &'a Options,
     means: Means<'a>,

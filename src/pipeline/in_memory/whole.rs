@@ -7,7 +7,7 @@ use crate::store::cells::IdMap;
 
 /// A mesh whose vertices know which vertex of the input they are.
 #[derive(Default)]
-pub(super) struct Whole {
+pub(super) struct WholeMesh {
     /// Input vertex of each vertex, in 4 bytes.
     pub(super) ids: Vec<u32>,
     pub(super) mesh: Mesh,
@@ -20,9 +20,9 @@ pub(super) struct Left {
     pub(super) simplified: Simplified,
 }
 
-impl Whole {
+impl WholeMesh {
     /// Joins cells, in their order; a vertex that several of them hold becomes one again.
-    pub(super) fn join(cells: Vec<Left>) -> Whole {
+    pub(super) fn join(cells: Vec<Left>) -> WholeMesh {
         let meshes = || cells.iter().map(|cell| &cell.simplified.mesh);
         let n_vertices = meshes().map(|mesh| mesh.positions.len()).sum();
         let n_triangles = meshes().map(|mesh| mesh.triangles.len()).sum();
@@ -51,6 +51,6 @@ impl Whole {
             mesh.triangles.extend(triangles.map(|t| t.map(|v| local[v as usize])));
             mesh.relief.extend_from_slice(&simplified.mesh.relief);
         }
-        Whole { ids: ids.into_iter().map(GlobalVertex::narrow).collect(), mesh }
+        WholeMesh { ids: ids.into_iter().map(GlobalVertex::narrow).collect(), mesh }
     }
 }

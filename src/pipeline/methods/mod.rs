@@ -6,7 +6,8 @@
 mod plan;
 pub(super) mod write;
 
-use super::concluded::WRITING;
+use super::concluded::abandon;
+use super::derived::{DerivedRun, derive};
 use super::optimize::check::check as check_optimize;
 use super::prepare::{before_opening, check_labels};
 use super::run_report::{
@@ -14,7 +15,6 @@ use super::run_report::{
     RetilingReport, RunReport, SpreadReport,
 };
 use super::run_report::{QualityReport, StageReport, StopReason};
-use super::verify;
 use crate::config::{Config, Method, Target};
 use crate::error::{Error, Result};
 use crate::io::check_range;
@@ -24,12 +24,10 @@ use crate::mesh::vec3::{length_sq, sub};
 use crate::methods::Made;
 use crate::methods::cluster::{self, Survey, Wanted};
 use crate::methods::{decimate, retile};
-use crate::store::job::Job;
-use crate::store::job::fingerprint::{job_identity, marks_beside, unchanged};
-use crate::system::disk::Disk;
+use crate::store::job::fingerprint::{marks_beside, unchanged};
 use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::losses::Ledger;
-use crate::system::memory::{BASE_BYTES, peak_bytes};
+use crate::system::memory::BASE_BYTES;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
 pub use plan::MethodPlan;
@@ -58,7 +56,7 @@ impl PreparedMethod {
     }
 
     /// The input alone.
-    pub(super) fn into_source(self) -> MeshSource {
+    pub fn into_source(self) -> MeshSource {
         self.source
     }
 }
@@ -96,16 +94,16 @@ fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMet
     let start = Instant::now();
     let mut stages = Vec::new();
     let survey = match config.method {
-        Method::Cluster => {
+        Method::Cluster { .. } => {
             let n = source.n_triangles();
             progress.begin("survey", 1, N_STEPS, n);
             let survey = cluster::survey(&source, wanted, config.threads.get(), progress);
             let survey = unchanged(&config.input, &marks, survey)?;
             let vertex_bytes = source.n_vertices() * source.schema().record_bytes() as u64;
-            stages.push(stage_report("survey", start, (n, n), (3 * vertex_bytes, 0)));
+            stages.push(StageReport::since("survey", start, (n, n), (3 * vertex_bytes, 0)));
             Some(survey)
         }
-        Method::Decimate | Method::Retile | Method::Collapse => None,
+        Method::Decimate { .. } | Method::Retile { .. } | Method::Collapse => None,
     };
     let plan = MethodPlan::new(&source, survey.as_ref(), target, config)?;
     check_optimize(&source, plan.expected_triangles, config)?;
@@ -129,113 +127,86 @@ fn dropped_faces(source: &MeshSource, config: &Config) -> Vec<FaceReport> {
     source.face_properties().iter().map(dropped).collect()
 }
 
-fn stage_report(
-    name: &str,
-    start: Instant,
-    (triangles_in, triangles_out): (u64, u64),
-    (bytes_read, bytes_written): (u64, u64),
-) -> StageReport {
-    StageReport {
-        name: name.to_owned(),
-        part: name.to_owned(),
-        seconds: start.elapsed().as_secs_f64(),
-        triangles_in,
-        triangles_out,
-        bytes_read,
-        bytes_written,
-        peak_memory_bytes: peak_bytes(),
-        peak_temp_bytes: 0,
-    }
-}
-
 /// Runs the method and writes its result.
 pub fn simplify(
     prepared: PreparedMethod,
     config: &Config,
     progress: &Progress,
 ) -> Result<RunReport> {
-    guarded(|| run(prepared, config, progress))
+    let PreparedMethod { source, marks, survey, plan, faces, stages, started } = prepared;
+    crate::system::memory::keep_nothing_back();
+    let before = started.elapsed().as_secs_f64();
+    let report = derive(source, &marks, config, progress, |run, source| {
+        let mut report = simplify_in_memory(run, &source, survey.as_ref(), &plan)?;
+        report.face_properties = faces;
+        report.stages.splice(0..0, stages);
+        report.seconds = before;
+        Ok(Some(report))
+    })?;
+    Ok(report.expect("another method does not end early"))
 }
 
-fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result<RunReport> {
-    let PreparedMethod { source, marks, survey, plan, faces, mut stages, started } = prepared;
-    crate::system::memory::keep_nothing_back();
-    let disk = Disk::default();
-    let identity = job_identity(&source, &marks, config);
-    if let Some(report) = super::concluded(&disk, &identity, config)? {
-        return Ok(report);
-    }
-    let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
+fn simplify_in_memory(
+    run: &DerivedRun,
+    source: &MeshSource,
+    survey: Option<&Survey>,
+    plan: &MethodPlan,
+) -> Result<RunReport> {
+    let DerivedRun { job, config, progress, marks, .. } = run;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     let n_in = source.n_triangles();
     let start = Instant::now();
-    let made = match survey {
-        Some(survey) => {
+    let codec = &codec;
+    let made = match (config.method, survey) {
+        (Method::Retile { gradation }, _) => {
+            let memory_bytes = config.memory_bytes.saturating_sub(BASE_BYTES);
+            let target = plan.target;
+            let settings = retile::Settings { target, gradation, memory_bytes, codec };
+            retile::retile(source, settings, progress)
+        }
+        (Method::Decimate { feature_angle }, _) => {
+            let settings = decimate::Settings { target: plan.target, feature_angle, codec };
+            decimate::decimate(source, settings, progress)
+        }
+        (Method::Cluster { .. }, Some(survey)) => {
             let wanted = match config.target {
                 Target::CellSize(size) => Wanted::CellSize(size),
                 _ => Wanted::Triangles(plan.target),
             };
             let settings = cluster::Settings {
                 wanted,
-                survey: &survey,
-                codec: &codec,
+                survey,
+                codec,
                 threads: config.threads.get(),
                 position_bytes: plan.position_memory_bytes,
             };
-            cluster::cluster(&source, settings, progress)
+            cluster::cluster(source, settings, progress)
         }
-        None if config.method == Method::Retile => {
-            let settings = retile::Settings {
-                target: plan.target,
-                gradation: config.gradation,
-                memory_bytes: config.memory_bytes.saturating_sub(BASE_BYTES),
-                codec: &codec,
-            };
-            retile::retile(&source, settings, progress)
-        }
-        None => {
-            let settings = decimate::Settings {
-                target: plan.target,
-                feature_angle: config.feature_angle,
-                codec: &codec,
-            };
-            decimate::decimate(&source, settings, progress)
+        (Method::Collapse | Method::Cluster { .. }, _) => {
+            unreachable!("the collapse has another way, and a grid was surveyed")
         }
     };
     source.remarks()?.into_iter().for_each(|remark| progress.lose(remark));
-    let made = match unchanged(&config.input, &marks, made) {
+    let made = match unchanged(&config.input, marks, made) {
         Ok(made) if made.mesh.triangles.is_empty() => Err(nothing_left(config, &made)),
         other => other,
     };
     let made = match made {
         Ok(mut made) => {
-            if config.manifold {
+            if config.method == (Method::Cluster { manifold: true }) {
                 made.take_apart();
             }
             made
         }
-        Err(error) => return Err(super::abandon(&job, error)),
+        Err(error) => return Err(abandon(job, error)),
     };
     let n_out = made.mesh.triangles.len() as u64;
-    let name = config.method.name();
-    stages.push(stage_report(name, start, (n_in, n_out), (source.file_bytes(), 0)));
-    let start = Instant::now();
-    if job.outcome::<()>(WRITING)?.is_none() {
-        job.record(WRITING, &())?;
-    }
-    progress.begin("write", N_STEPS, N_STEPS, n_out);
-    let bytes = write::write(&source, &made, &codec, config, &disk, progress)?;
-    stages.push(stage_report("write", start, (n_out, n_out), (0, bytes)));
-    let mut report = report(&source, &made, &plan, config);
-    report.face_properties = faces;
-    report.stages = stages;
-    report.seconds = started.elapsed().as_secs_f64();
-    report.triangles_per_second = n_in as f64 / report.seconds.max(1e-9);
-    report.peak_memory_bytes = peak_bytes();
-    report.peak_temp_bytes = disk.peak_bytes();
-    drop(made);
-    verify::end(&job, config, progress, &mut report)?;
-    Ok(report)
+    let read = (source.file_bytes(), 0);
+    let stages = vec![
+        StageReport::since(config.method.name(), start, (n_in, n_out), read),
+        run.write(source, &made, codec, N_STEPS)?,
+    ];
+    Ok(RunReport { stages, ..report(source, &made, plan, config) })
 }
 
 fn nothing_left(config: &Config, made: &Made) -> Error {
@@ -279,11 +250,11 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
         stop_reason: match (is_grid, target_met, config.method) {
             (true, ..) => StopReason::Grid,
             (_, true, _) => StopReason::Target,
-            (_, false, Method::Cluster) => StopReason::NoGrid,
+            (_, false, Method::Cluster { .. }) => StopReason::NoGrid,
             (_, false, _) => StopReason::NothingRemovable,
         }
         .to_string(),
-        grid: (config.method == Method::Cluster).then(|| GridReport {
+        grid: matches!(config.method, Method::Cluster { .. }).then(|| GridReport {
             cell_size: length("cell_size"),
             passes: count("passes"),
             cells: count("cells"),
@@ -294,7 +265,7 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
             fins_dropped: count("fins_dropped"),
             copied_vertices: made.counts.get("copied_vertices").copied(),
         }),
-        decimation: (config.method == Method::Decimate).then(|| DecimationReport {
+        decimation: matches!(config.method, Method::Decimate { .. }).then(|| DecimationReport {
             removed_simple: count("removed_simple"),
             removed_boundary: count("removed_boundary"),
             removed_interior_edge: count("removed_interior_edge"),
@@ -304,7 +275,7 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
             refused_topology: count("refused_topology"),
             farthest: length("farthest"),
         }),
-        retiling: (config.method == Method::Retile).then(|| RetilingReport {
+        retiling: matches!(config.method, Method::Retile { .. }).then(|| RetilingReport {
             angles: SpreadReport {
                 smallest: length("angle_smallest"),
                 p01: length("angle_p01"),

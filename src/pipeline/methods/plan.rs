@@ -68,7 +68,7 @@ impl MethodPlan {
             Some(survey) => {
                 let expected = survey.triangles().min(triangles_in as f64) as u64;
                 let mut need = cluster::need(source, survey, &codec, threads)?;
-                if config.manifold {
+                if config.method == (Method::Cluster { manifold: true }) {
                     need.tables += MANIFOLD_TRIANGLE_BYTES * expected;
                 }
                 (need, expected, survey.cells as u64)
@@ -81,7 +81,7 @@ impl MethodPlan {
                     false => (4 * codec.n_channels() + source.schema().record_bytes()) as u64,
                 };
                 let tables = match config.method {
-                    Method::Retile => retile::need(source, &codec, most, config.gradation),
+                    Method::Retile { gradation } => retile::need(source, &codec, most, gradation),
                     _ => decimate::need(source) + vertices * record_bytes,
                 };
                 (Need { tables, positions: 0, all_positions: 0 }, most, vertices)
@@ -93,10 +93,11 @@ impl MethodPlan {
         }
         let (output_bytes, spool_bytes) = output(source, config, vertices, expected)?;
         let position_memory_bytes = config.memory_bytes - BASE_BYTES - need.tables;
-        let verifying = if config.verify { 3 * output_bytes + source.file_bytes() } else { 0 };
+        let verifying =
+            if config.checks.verify { 3 * output_bytes + source.file_bytes() } else { 0 };
         let per_second = match survey {
             Some(_) => CLUSTERED_PER_SECOND_PER_CORE * threads as f64,
-            None if config.method == Method::Retile => RETILED_PER_SECOND,
+            None if matches!(config.method, Method::Retile { .. }) => RETILED_PER_SECOND,
             None => DECIMATED_PER_SECOND,
         };
         Ok(MethodPlan {
@@ -124,6 +125,7 @@ impl MethodPlan {
             self.temp_bytes,
             written,
             self.temp_bytes + written,
+            config.job.min_free_bytes,
         )
     }
 
@@ -142,13 +144,15 @@ impl MethodPlan {
                 show_length(size),
                 show_count(cells)
             ),
-            _ if config.method == Method::Retile => {
-                format!(
-                    "vertices are spread over the surface in memory; gradation {}",
-                    config.gradation
-                )
-            }
-            _ => format!("vertices are removed in memory; feature angle {}", config.feature_angle),
+            _ => match config.method {
+                Method::Retile { gradation } => {
+                    format!("vertices are spread over the surface in memory; gradation {gradation}")
+                }
+                Method::Decimate { feature_angle } => {
+                    format!("vertices are removed in memory; feature angle {feature_angle}")
+                }
+                Method::Collapse | Method::Cluster { .. } => String::new(),
+            },
         };
         vec![
             format!("input    {} triangles", show_count(self.triangles_in)),
@@ -179,15 +183,17 @@ impl MethodPlan {
 /// Refuses a budget, and says what would help.
 fn too_little(config: &Config, needed: u64, need: &Need) -> Error {
     let why = match config.method {
-        Method::Cluster if need.positions >= need.all_positions && need.positions > need.tables => {
+        Method::Cluster { .. }
+            if need.positions >= need.all_positions && need.positions > need.tables =>
+        {
             ", since its faces are not in the order of its vertices and all of these must be at hand; \
              --method collapse takes any order in any memory"
         }
-        Method::Cluster => "; a smaller result needs less",
-        Method::Retile => {
+        Method::Cluster { .. } => "; a smaller result needs less",
+        Method::Retile { .. } => {
             ", since it works in memory; --method collapse can make the mesh smaller first, in any memory"
         }
-        Method::Decimate | Method::Collapse => {
+        Method::Decimate { .. } | Method::Collapse => {
             ", since it works in memory; --method collapse --placement subset keeps to vertices of the input as well, in \
              any memory"
         }
@@ -199,7 +205,7 @@ fn too_little(config: &Config, needed: u64, need: &Need) -> Error {
         show_bytes(needed),
         // Long triangles are cut before there is anything to choose from; how many there are is not known yet.
         match config.method {
-            Method::Retile =>
+            Method::Retile { .. } =>
                 (BASE_BYTES + 4 * needed.saturating_sub(BASE_BYTES)).div_ceil(1 << 20),
             _ => needed.div_ceil(1 << 20),
         },

@@ -37,7 +37,8 @@ pub(in crate::pipeline) fn write(
         settings: settings.join(" "),
         ..OutputHeader::new(shape.schema.clone(), n_vertices, n_faces)
     };
-    let place = Place { path: config.output.clone(), disk: disk.clone(), replace: config.force };
+    let place =
+        Place { path: config.output.clone(), disk: disk.clone(), replace: config.job.force };
     let mut sink = MeshSink::create(place, header, config.format)?;
     let directions = (normals == Normals::Recompute).then(|| new_normals(mesh));
     let record_bytes = schema.record_bytes();

@@ -5,12 +5,10 @@
 
 pub(super) mod check;
 
-use super::concluded::WRITING;
-use super::first_run::{open, settings, stage};
-use super::methods::{self, PreparedMethod};
-use super::prepare::{Prepared, prepare};
-use super::run_report::{OutputReport, RunReport};
-use super::{pairs, verify};
+use super::derived::{DerivedRun, derive, open, settings};
+use super::prepare::prepare;
+use super::run_report::{OutputReport, RunReport, StageReport};
+use super::{methods, pairs};
 use crate::config::{Config, Method};
 use crate::error::Result;
 use crate::io::ply::{FaceBlock, MeshSource, VertexBlock};
@@ -18,11 +16,8 @@ use crate::measure::temp_store::Cutting;
 use crate::mesh::Mesh;
 use crate::methods::Made;
 use crate::optimize::{self, Drawing, Settings};
-use crate::store::job::fingerprint::{input_marks, job_identity, unchanged};
-use crate::store::job::{Job, TRIALS};
-use crate::system::disk::Disk;
-use crate::system::memory::{BASE_BYTES, peak_bytes};
-use crate::system::parallel::guarded;
+use crate::store::job::fingerprint::{input_marks, unchanged};
+use crate::system::memory::BASE_BYTES;
 use crate::system::progress::Progress;
 use std::path::Path;
 use std::time::Instant;
@@ -30,40 +25,22 @@ use std::time::Instant;
 /// Steps that progress counts after the result: points, sweeps, writing.
 const N_STEPS: u32 = 3;
 
-/// Simplifies by the collapse of edges, then optimises the result.
-pub fn simplify(prepared: Prepared, config: &Config, progress: &Progress) -> Result<RunReport> {
-    let source = prepared.source;
-    guarded(|| run(source, config, progress))
-}
-
-/// The same by another method.
-pub fn simplify_by_method(
-    prepared: PreparedMethod,
-    config: &Config,
-    progress: &Progress,
-) -> Result<RunReport> {
-    let source = prepared.into_source();
-    guarded(|| run(source, config, progress))
-}
-
-fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunReport> {
-    let started = Instant::now();
-    let disk = Disk::default();
+/// Simplifies the input by any method, then optimises the result.
+pub fn simplify(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunReport> {
     let marks = input_marks(&config.input)?;
-    let identity = job_identity(&source, &marks, config);
-    // The run before opens the input itself.
-    drop(source);
-    if let Some(report) = super::concluded(&disk, &identity, config)? {
-        return Ok(report);
-    }
-    let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
-    disk.create_dir(&job.path(TRIALS))?;
-    let path = job.path(TRIALS).join("result.ply");
-    let report = job.sealed("result", || run_before(&path, config, progress));
-    let mut report = match report {
-        Ok(report) => report,
-        Err(error) => return Err(super::abandon(&job, error)),
-    };
+    let report = derive(source, &marks, config, progress, |run, source| {
+        // The run before opens the input itself.
+        drop(source);
+        optimize_result(run).map(Some)
+    })?;
+    Ok(report.expect("an optimisation does not end early"))
+}
+
+fn optimize_result(run: &DerivedRun) -> Result<RunReport> {
+    let DerivedRun { job, disk, config, progress, marks } = run;
+    let path = run.inner_path("result.ply")?;
+    let mut report = run.part("result", || run_before(&path, config, progress))?;
+    report.seconds = 0.0;
     job.clear_scratch()?;
     let result = open(&path, config, false)?;
     let codec = result.schema().kernel_codec(&config.attributes.labels);
@@ -81,41 +58,33 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
             temp_dir: job.folder(),
             threads: config.threads.get(),
             memory_bytes: (config.memory_bytes - BASE_BYTES).saturating_sub(in_memory / 2),
-            disk: Some(&disk),
+            disk: Some(disk),
         },
         progress,
     };
     let drawn = optimize::draw(&input, drawing);
-    let samples = unchanged(&config.input, &marks, drawn)?;
+    let samples = unchanged(&config.input, marks, drawn)?;
     let n_input = report.input.triangles;
-    report.stages.push(stage("points", start, (n_input, n_input), (input.file_bytes(), 0)));
+    report.stages.push(StageReport::since(
+        "points",
+        start,
+        (n_input, n_input),
+        (input.file_bytes(), 0),
+    ));
     drop(input);
     let start = Instant::now();
     let sweeps = config.optimize.unwrap_or(0);
     progress.begin("optimize", 2, N_STEPS, u64::from(sweeps));
     let settings = Settings { sweeps, threads: config.threads.get(), progress };
     let outcome = optimize::optimize(&mut made.mesh, &mut made.records, samples, settings)?;
-    report.stages.push(stage("optimize", start, (n_triangles, n_triangles), (0, 0)));
-    let start = Instant::now();
-    if job.outcome::<()>(WRITING)?.is_none() {
-        job.record(WRITING, &())?;
-    }
-    progress.begin("write", N_STEPS, N_STEPS, n_triangles);
-    let bytes = methods::write::write(&result, &made, &codec, config, &disk, progress)?;
-    report.stages.push(stage("write", start, (n_triangles, n_triangles), (0, bytes)));
+    report.stages.push(StageReport::since("optimize", start, (n_triangles, n_triangles), (0, 0)));
+    report.stages.push(run.write(&result, &made, &codec, N_STEPS)?);
     report.output = OutputReport {
         path: config.output.display().to_string(),
         vertices: made.mesh.positions.len() as u64,
         triangles: n_triangles,
     };
     report.optimization = Some(outcome);
-    report.settings = identity.settings;
-    report.seconds = started.elapsed().as_secs_f64();
-    report.triangles_per_second = n_input as f64 / report.seconds.max(1e-9);
-    report.peak_memory_bytes = peak_bytes();
-    report.peak_temp_bytes = report.peak_temp_bytes.max(disk.peak_bytes());
-    drop(made);
-    verify::end(&job, config, progress, &mut report)?;
     Ok(report)
 }
 
@@ -126,9 +95,9 @@ fn run_before(path: &Path, config: &Config, progress: &Progress) -> Result<RunRe
         return methods::simplify(methods::prepare(&inner, progress)?, &inner, progress);
     }
     if inner.pairs {
-        return pairs::simplify(prepare(&inner)?, &inner, progress);
+        return pairs::simplify(prepare(&inner)?.source, &inner, progress);
     }
-    let report = super::simplify(prepare(&inner)?, &inner, progress)?;
+    let report = super::simplify(prepare(&inner)?, progress)?;
     let Some(report) = report else {
         unreachable!("a run before an optimisation does not end early")
     };

@@ -6,64 +6,50 @@
 
 pub(super) mod counts;
 
-use super::first_run::{deliver, is_delivered, open, settings, stage, trial_path};
-use super::prepare::{Prepared, prepare};
+use super::derived::{DerivedRun, derive, open, settings, trial_path};
+use super::methods;
+use super::prepare::prepare;
 use super::run_report::{OutputReport, PairsReport, RunReport, StageReport};
-use super::{methods, verify};
 use crate::config::{Attributes, Config, Normals, Target};
 use crate::error::{Error, Result};
+use crate::io::OutputFormat;
 use crate::io::ply::MeshSource;
-use crate::io::{OutputFormat, OutputKind};
 use crate::kernel;
 use crate::methods::pairs;
-use crate::store::job::fingerprint::{input_marks, job_identity};
-use crate::store::job::{Job, TRIALS};
+use crate::store::job::fingerprint::input_marks;
 use crate::system::disk::Disk;
-use crate::system::memory::peak_bytes;
-use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
 use counts::Counts;
 use std::path::Path;
 use std::time::Instant;
 
 /// Simplifies by the collapse of edges, with contractions of pairs on the way.
-pub fn simplify(prepared: Prepared, config: &Config, progress: &Progress) -> Result<RunReport> {
-    let source = prepared.source;
-    guarded(|| run(source, config, progress))
+pub fn simplify(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunReport> {
+    let marks = input_marks(&config.input)?;
+    let target = config.target.triangles(source.n_triangles());
+    let counts = Counts::new(source.n_triangles(), target);
+    let report = derive(source, &marks, config, progress, |run, source| {
+        // The run before opens the input itself.
+        drop(source);
+        in_turn(run, counts, target).map(Some)
+    })?;
+    Ok(report.expect("a run with pairs does not end early"))
 }
 
-fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunReport> {
-    let started = Instant::now();
-    let disk = Disk::default();
-    let marks = input_marks(&config.input)?;
-    let identity = job_identity(&source, &marks, config);
-    let (n_input, target) = (source.n_triangles(), config.target.triangles(source.n_triangles()));
-    let counts = Counts::new(n_input, target);
-    // The run before opens the input itself.
-    drop(source);
-    if let Some(report) = super::concluded(&disk, &identity, config)? {
-        return Ok(report);
-    }
-    let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
-    disk.create_dir(&job.path(TRIALS))?;
-    let fine = job.path(TRIALS).join("result.ply");
-    let report = job.sealed("result", || {
+/// The collapse, pairs, and the collapse again.
+fn in_turn(run: &DerivedRun, counts: Counts, target: u64) -> Result<RunReport> {
+    let DerivedRun { job, disk, config, progress, .. } = run;
+    let fine = run.inner_path("result.ply")?;
+    let mut report = run.part("result", || {
         let inner = settings(&fine, config);
         let inner = Config { pairs: false, target: Target::Triangles(counts.before), ..inner };
         collapse(&inner, progress)
-    });
-    let mut report = match report {
-        Ok(report) => report,
-        Err(error) => return Err(super::abandon(&job, error)),
-    };
-    let joined = job.path(TRIALS).join("joined.ply");
-    let done = job.sealed("pairs", || contract(&fine, &joined, counts, config, &disk, progress));
-    let (pairs, stages) = match done {
-        Ok(done) => done,
-        Err(error) => return Err(super::abandon(&job, error)),
-    };
+    })?;
+    let joined = run.inner_path("joined.ply")?;
+    let (pairs, stages) =
+        run.part("pairs", || contract(&fine, &joined, counts, config, disk, progress))?;
     let made = trial_path(config, "last");
-    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
+    let kind = config.kind()?;
     let last = Config {
         input: joined,
         output: made.clone(),
@@ -74,7 +60,7 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
         kernel: kernel::Options { fit: fit(config), ..config.kernel.clone() },
         ..settings(&fine, config)
     };
-    let is_there = made.exists() || is_delivered(&job, config, &made)?;
+    let is_there = made.exists() || run.is_delivered(&made)?;
     let last = match job.outcome::<RunReport>("last")? {
         Some(done) if is_there => done,
         _ => {
@@ -83,7 +69,7 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
             done
         }
     };
-    deliver(&job, &disk, config, &made)?;
+    run.deliver(&made)?;
     job.clear_scratch()?;
     report.stages.extend(stages);
     report.stages.extend(last.stages);
@@ -93,18 +79,13 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
     report.quality = last.quality;
     (report.target, report.target_met) = (target, last.target_met);
     (report.stop_reason, report.fit) = (last.stop_reason, last.fit);
-    report.settings = identity.settings;
-    report.seconds = started.elapsed().as_secs_f64();
-    report.triangles_per_second = n_input as f64 / report.seconds.max(1e-9);
-    report.peak_memory_bytes = peak_bytes();
-    report.peak_temp_bytes = report.peak_temp_bytes.max(disk.peak_bytes());
-    verify::end(&job, config, progress, &mut report)?;
+    report.seconds = 0.0;
     Ok(report)
 }
 
 /// A run of the collapse, to its end.
 fn collapse(config: &Config, progress: &Progress) -> Result<RunReport> {
-    let report = super::simplify(prepare(config)?, config, progress)?;
+    let report = super::simplify(prepare(config)?, progress)?;
     let Some(report) = report else { unreachable!("a run without --until does not end early") };
     Ok(report)
 }
@@ -141,7 +122,7 @@ fn contract(
     let attributes = Attributes { normals: Normals::Keep, ..config.attributes.clone() };
     let inner = Config { attributes, ..inner };
     let bytes = methods::write::write(&source, &made, &codec, &inner, disk, progress)?;
-    let stage = stage("pairs", start, (n_before, n_out), (source.file_bytes(), bytes));
+    let stage = StageReport::since("pairs", start, (n_before, n_out), (source.file_bytes(), bytes));
     let count = |name: &str| made.counts.get(name).copied().unwrap_or(0);
     let report = PairsReport {
         triangles_before: n_before,

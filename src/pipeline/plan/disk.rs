@@ -130,13 +130,14 @@ impl Job<'_> {
     }
 }
 
-/// Fails where output or temporary data would not fit, or their folders do not take files; `together_bytes` where both
-/// share a disk.
+/// Fails where output or temporary data would not leave `free_bytes`, or their folders do not take files; `together_bytes`
+/// where both share a disk.
 pub(in crate::pipeline) fn check_space(
     (output, job_folder): (&Path, &Path),
     temp_bytes: u64,
     output_bytes: u64,
     together_bytes: u64,
+    free_bytes: u64,
 ) -> Result<()> {
     let output_folder = folder_of(output);
     let temp_folder = existing_parent(job_folder);
@@ -161,11 +162,15 @@ pub(in crate::pipeline) fn check_space(
         let stat = rustix::fs::statvfs(folder)
             .map_err(|e| Error::reading(folder, "cannot ask for free space", e.into()))?;
         let free = stat.f_bavail * stat.f_frsize + if folder == temp_folder { held } else { 0 };
-        if bytes > free {
+        if bytes.saturating_add(free_bytes) > free {
+            let stays = match free_bytes {
+                0 => String::new(),
+                stays => format!(", and --min-free keeps {}", show_bytes(stays)),
+            };
             return Err(Error::NoSpace {
                 path: folder.into(),
                 what: format!(
-                    "the run needs {} here, {} are free",
+                    "the run needs {} here, {} are free{stays}",
                     show_bytes(bytes),
                     show_bytes(free)
                 ),

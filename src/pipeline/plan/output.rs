@@ -20,10 +20,7 @@ pub(in crate::pipeline) fn output(
     n_vertices: u64,
     n_faces: u64,
 ) -> Result<(u64, u64)> {
-    let kind = match config.format.kind {
-        Some(kind) => kind,
-        None => OutputKind::of(&config.output)?,
-    };
+    let kind = config.kind()?;
     let mut block = VertexBlock::default();
     source.read_vertices(source.n_vertex_blocks() / 2, &mut block)?;
     let record_bytes = source.schema().record_bytes();

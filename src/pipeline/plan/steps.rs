@@ -1,10 +1,10 @@
 //! The rounds and finishes that a run will take, from counts alone.
 
 use crate::error::{Error, Result};
-use crate::stages::stitch::{self, Step};
+use crate::stages::stitch::{self, NextStep};
 
 /// Finish of a level: triangles before and after it.
-pub(super) struct Finish {
+pub(super) struct FinishPlan {
     pub(super) before: u64,
     pub(super) after: u64,
 }
@@ -14,13 +14,13 @@ pub(super) struct Finish {
 pub(super) fn rounds_within_bound(
     triangles_in: u64,
     cell_triangles: u64,
-) -> (Vec<u64>, Vec<Option<Finish>>) {
+) -> (Vec<u64>, Vec<Option<FinishPlan>>) {
     let most = cell_triangles.saturating_mul(stitch::FINISH_CELLS);
     let (goals, before) = match triangles_in <= most {
         true => (Vec::new(), triangles_in),
         false => (vec![triangles_in / 2], most),
     };
-    (goals, vec![Some(Finish { before, after: triangles_in / 10 })])
+    (goals, vec![Some(FinishPlan { before, after: triangles_in / 10 })])
 }
 
 /// Goals of the rounds of all levels of a chain, and the finish of each, if it has one.
@@ -28,7 +28,7 @@ pub(super) fn rounds_of_chain(
     triangles_in: u64,
     targets: &[u64],
     cell_triangles: u64,
-) -> (Vec<u64>, Vec<Option<Finish>>) {
+) -> (Vec<u64>, Vec<Option<FinishPlan>>) {
     let (mut goals, mut finishes, mut now) = (Vec::new(), Vec::new(), triangles_in);
     for &target in targets {
         let (of_level, finish) = rounds(now, target, cell_triangles);
@@ -45,20 +45,20 @@ pub(super) fn rounds_of_chain(
 }
 
 /// Goals of the rounds from `now` triangles to a target, and the finish, if there is one.
-fn rounds(mut now: u64, target: u64, cell_triangles: u64) -> (Vec<u64>, Option<Finish>) {
+fn rounds(mut now: u64, target: u64, cell_triangles: u64) -> (Vec<u64>, Option<FinishPlan>) {
     let mut goals = Vec::new();
     loop {
         match stitch::next_step(now, target, cell_triangles, goals.len() as u32) {
-            Step::Finish => return (goals, Some(Finish { before: now, after: target })),
-            Step::Round(goal) => {
+            NextStep::Finish => return (goals, Some(FinishPlan { before: now, after: target })),
+            NextStep::Round(goal) => {
                 goals.push(goal.min(now));
                 now = goal.min(now);
             }
-            Step::ExactRound => {
+            NextStep::ExactRound => {
                 goals.push(target);
                 return (goals, None);
             }
-            Step::Done => return (goals, None),
+            NextStep::Done => return (goals, None),
         }
     }
 }

@@ -19,10 +19,10 @@ use config::NAMED;
 pub use config::{Finest, TILE_TRIANGLES, TileTexture, TilesConfig};
 pub use plan::{PreparedTiles, TilesPlan, prepare_tiles};
 
+use super::concluded::{abandon, is_final};
 use super::run_report::InputReport;
 use super::sealed_stages::SealedStages;
-use super::source_facts::faults;
-use super::{abandon, is_final};
+use super::steps::faults;
 use crate::bake::{Coloured, Means, colour_vertices};
 use crate::error::{Error, Result};
 use crate::io::materials::all_missing;
@@ -51,7 +51,7 @@ use rounds::Stages;
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
-use tree::Levels;
+use tree::TreeLevels;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Writes the tree of tiles of `config.input` to `config.output`.
@@ -177,7 +177,7 @@ fn run(
     let step = grid.lattice.step_of(stages.hidden.rounds);
     let lattice = Lattice { step, ..grid.lattice };
     let levels =
-        Levels { lattice, rounds: &rounds, hidden: &hidden, top: &top, pixels: config.pixels };
+        TreeLevels { lattice, rounds: &rounds, hidden: &hidden, top: &top, pixels: config.pixels };
     let (tiles, deviations) = tree::tree(&levels);
     let root = tiles.iter().rposition(|tile| tile.level as usize == rounds.len()).unwrap_or(0);
     let leaf_triangles: u64 =

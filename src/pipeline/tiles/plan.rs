@@ -156,7 +156,7 @@ pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
     let plan = TilesPlan::new(&source, config, (textured, &staging))?;
     // What is staged lies there already.
     let (temp, output) = (plan.temp_bytes - staged, plan.output_bytes);
-    check_space((&config.output, &config.job_folder), temp, output, temp + output)?;
+    check_space((&config.output, &config.job_folder), temp, output, temp + output, 0)?;
     Ok(PreparedTiles { source, plan, textured, marks, staging })
 }
 

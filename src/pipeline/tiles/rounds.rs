@@ -8,7 +8,7 @@ use crate::measure::step;
 use crate::mesh::vec3::{length_sq, sub};
 use crate::pipeline::sealed_stages::SealedStages;
 use crate::stages::partition::Partition;
-use crate::stages::simplify::{Beside, Goal, channel_lengths, simplify_cells_beside, work_bytes};
+use crate::stages::simplify::{Beside, CellRun, Goal, channel_lengths, simplify_cells, work_bytes};
 use crate::stages::stitch::{self, NewCells, within_reach};
 use crate::stages::tiles::{self, TileRound};
 use crate::store::cell_id::CellId;
@@ -124,7 +124,9 @@ impl Stages<'_> {
                         is_whole: &|cell, left| Ok(work.is_whole(cell, left)),
                         look: &|cell, before, left| work.look(cell, &before, left),
                     };
-                    let left = simplify_cells_beside(&store, goal, &options, beside, run)?;
+                    let (options, beside) = (&options, Some(beside));
+                    let round = CellRun { store: &store, goal, options, beside, context: run };
+                    let left = simplify_cells(&round)?;
                     run.disk().sync_all_below(pending)?;
                     Ok(left)
                 },

@@ -210,7 +210,7 @@ impl Work<'_> {
     fn one(&mut self, unit: &Unit) -> Result<PaintedCell> {
         let Unit { level, cell, n_tiles, before } = *unit;
         let scalars = self.frame.scalars;
-        let shapes = read_shapes(&self.folder.join(SHAPES), (level, cell, n_tiles), scalars)?;
+        let shapes = read_shapes(&self.folder.join(SHAPES), (level, cell), n_tiles, scalars)?;
         let meshes: Vec<Mesh> =
             shapes.iter().map(|shape| mesh_of(shape, self.frame.origin)).collect();
         // Triangles of a level are twice as long as those of the one below. Photographs are sampled as they are on the finest.

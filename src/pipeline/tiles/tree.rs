@@ -23,7 +23,7 @@ const LEAST_STEP: f64 = 1.0 / 512.0;
 const VIEWER_PIXELS: f64 = 16.0;
 
 /// The rounds of a tree and the tile at its top.
-pub(super) struct Levels<'a> {
+pub(super) struct TreeLevels<'a> {
     pub(super) lattice: Lattice,
     /// The groups of each round, sorted.
     pub(super) rounds: &'a [Vec<GroupRecord>],
@@ -35,7 +35,7 @@ pub(super) struct Levels<'a> {
 }
 
 /// The tiles of a tree, the top last, and the largest distance from the input of each level.
-pub(super) fn tree(levels: &Levels) -> (Vec<TreeTile>, Vec<f64>) {
+pub(super) fn tree(levels: &TreeLevels) -> (Vec<TreeTile>, Vec<f64>) {
     let mut tree = Tree { leaves: hidden(levels.hidden), ..Tree::default() };
     let n_rounds = levels.rounds.len() as u32;
     for (level, round) in (0u32..).zip(levels.rounds) {
@@ -110,7 +110,7 @@ fn hidden(rounds: &[Vec<GroupRecord>]) -> Vec<(BoxKey, f64)> {
 impl<'a> Tree<'a> {
     fn push(
         &mut self,
-        levels: &Levels,
+        levels: &TreeLevels,
         level: u32,
         key: BoxKey,
         content: Option<(String, &'a TileRecord)>,
@@ -142,7 +142,7 @@ impl<'a> Tree<'a> {
 
     /// Gives the tiles that a round has written their parents. A group of which nothing is left gets a parent without
     /// content.
-    fn attach(&mut self, levels: &Levels, round: usize) {
+    fn attach(&mut self, levels: &TreeLevels, round: usize) {
         for group in 0..levels.rounds[round].len() {
             let tiles = self.first[round][group]..self.first[round][group + 1];
             if tiles.is_empty() {
@@ -174,7 +174,7 @@ impl<'a> Tree<'a> {
 
     /// Gives each tile of a group that got no finer one the nearest of the tile that has most: a viewer would go on showing
     /// it beside what takes its place. A group is refined whole, so any of its tiles may lead to any finer one.
-    fn share_out(&mut self, levels: &Levels, parents: &[u32]) {
+    fn share_out(&mut self, levels: &TreeLevels, parents: &[u32]) {
         for &poor in parents {
             if !self.tiles[poor as usize].children.is_empty() {
                 continue;
@@ -205,7 +205,7 @@ impl<'a> Tree<'a> {
     }
 
     /// A tile that the group of a round shows finer, or the nearest group that has any.
-    fn above(&self, levels: &Levels, round: usize, group: BoxKey) -> u32 {
+    fn above(&self, levels: &TreeLevels, round: usize, group: BoxKey) -> u32 {
         let off_sq = |other: BoxKey| -> i64 {
             (0..3).map(|k| (i64::from(group[k]) - i64::from(other[k])).pow(2)).sum()
         };
@@ -224,7 +224,7 @@ impl<'a> Tree<'a> {
     }
 
     /// Makes the volumes of the finer tiles of a tile hold its triangles: of those of a box, the volume that grows least by it.
-    fn hold(&mut self, levels: &Levels, number: u32) {
+    fn hold(&mut self, levels: &TreeLevels, number: u32) {
         let tile = &self.tiles[number as usize];
         let Some(record) = self.records[number as usize] else { return };
         let step = levels.lattice.step_of(tile.level);
@@ -252,7 +252,7 @@ impl<'a> Tree<'a> {
     }
 
     /// Volumes and errors, from the finest level upwards; returns the largest deviation of each level.
-    fn bound(&mut self, levels: &Levels) -> Vec<f64> {
+    fn bound(&mut self, levels: &TreeLevels) -> Vec<f64> {
         let mut most = 0.0f64;
         for number in 0..self.tiles.len() {
             let leaf = match self.tiles[number].level == 0 && !self.leaves.is_empty() {
@@ -356,7 +356,7 @@ mod tests {
         let lattice = Lattice { origin: [0.0; 3], step: 0.001 };
         let rounds = [round(finest, [0; 3]), round(coarse, [0; 3])];
         let top = tile([0; 3], 0.0);
-        let levels = Levels { lattice, rounds: &rounds, hidden: &[], top: &top, pixels: 1.0 };
+        let levels = TreeLevels { lattice, rounds: &rounds, hidden: &[], top: &top, pixels: 1.0 };
         tree(&levels).0
     }
 

@@ -25,7 +25,7 @@ use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::stages::partition::is_local;
 use crate::stages::simplify::pilot_cells;
-use crate::stages::stitch::{Step, next_step};
+use crate::stages::stitch::{NextStep, next_step};
 use crate::store::job::fingerprint::{job_identity, marks_now};
 use crate::store::job::units::{Phase, Record, UnitJob};
 use crate::system::disk::Disk;
@@ -158,9 +158,9 @@ fn planned_rounds(plan: &Plan, config: &Config, units: u32) -> Vec<PlannedRound>
     for round in 0..most {
         let step = next_step(now, plan.target, config.cell_triangles, round);
         let (goal, is_exact) = match step {
-            Step::Round(goal) => (goal, false),
-            Step::ExactRound => (plan.target, true),
-            Step::Finish | Step::Done => break,
+            NextStep::Round(goal) => (goal, false),
+            NextStep::ExactRound => (plan.target, true),
+            NextStep::Finish | NextStep::Done => break,
         };
         let cells = match round {
             0 => plan.cells,
@@ -202,13 +202,13 @@ fn refuse(config: &Config) -> Result<()> {
     let refused = [
         (config.method != Method::Collapse, "--method"),
         (config.kernel.bound.is_some(), "--max-error"),
-        (config.until.is_some(), "--until"),
-        (config.restart, "--restart"),
-        (config.keep_temp, "--keep-temp"),
+        (config.job.until.is_some(), "--until"),
+        (config.job.restart, "--restart"),
+        (config.job.keep_temp, "--keep-temp"),
         (config.texture == Texture::Bake, "--texture bake"),
         (config.bake.normals, "--bake-normals"),
         (config.progressive.is_some(), "--progressive"),
-        (config.seams.is_some(), "--seams"),
+        (config.checks.seams.is_some(), "--seams"),
         (config.optimize.is_some(), "--optimize"),
         (config.pairs, "--pairs"),
         (config.input == Path::new("-"), "standard input"),

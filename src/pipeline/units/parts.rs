@@ -3,7 +3,7 @@
 //! A part that is done again writes other files than before, so whoever comes later takes the names of all packs from the
 //! records of today.
 
-use super::phases::{Run, stage_report, unit_file};
+use super::phases::{PhaseRun, stage_report, unit_file};
 use super::task::Task;
 use crate::error::Result;
 use crate::io::ply::MeshSource;
@@ -26,7 +26,7 @@ use std::time::Duration;
 /// Name of the outcome of a part.
 const PART: &str = "part";
 
-impl Run<'_> {
+impl PhaseRun<'_> {
     /// Bounds and sample of a part.
     pub(super) fn scan(self, task: &Task) -> Result<Record> {
         let size = self.config.cell_triangles;

@@ -5,12 +5,12 @@
 
 use super::kind::Kind;
 use super::task::Task;
-use crate::config::{Config, Until};
+use crate::config::{Config, JobOptions, Until};
 use crate::error::{Error, Result};
 use crate::pipeline::kernel_side::Facts;
 use crate::pipeline::prepare::prepare;
 use crate::pipeline::run_report::{RunReport, StageReport};
-use crate::pipeline::run_stages_in;
+use crate::pipeline::run_steps;
 use crate::stages::components::Components;
 use crate::stages::partition::Partition;
 use crate::store::cells::{PackFile, StoreInfo, check_pack};
@@ -41,7 +41,7 @@ pub(super) fn run(
     progress: &Progress,
 ) -> Result<(Record, Option<RunReport>)> {
     let earlier = earlier(job, task, progress)?;
-    let phase = Run { job, attempt, config, progress, earlier };
+    let phase = PhaseRun { job, attempt, config, progress, earlier };
     let plain = |record| (record, None);
     match task.unit.phase.as_str() {
         "scan" => phase.scan(task).map(plain),
@@ -96,7 +96,7 @@ fn earlier(
     Ok(earlier)
 }
 
-pub(super) struct Run<'a> {
+pub(super) struct PhaseRun<'a> {
     job: &'a UnitJob,
     attempt: &'a Attempt<'a>,
     pub(super) config: &'a Config,
@@ -104,7 +104,7 @@ pub(super) struct Run<'a> {
     pub(super) earlier: BTreeMap<String, Vec<(Unit, Record)>>,
 }
 
-impl Run<'_> {
+impl PhaseRun<'_> {
     /// A job with what was found before.
     pub(super) fn guest(&self, more: BTreeMap<String, serde_json::Value>) -> Job {
         let is_single = |name: &str| {
@@ -129,16 +129,22 @@ impl Run<'_> {
         }
     }
 
+    /// The settings of a run that ends early.
+    fn until(&self, until: Until) -> Config {
+        let job = JobOptions { until: Some(until), ..self.config.job };
+        Config { job, ..self.config.clone() }
+    }
+
     /// Cells on disk, and all that is to be known of them before the first round.
     fn partition(self) -> Result<Record> {
-        let config = Config { until: Some(Until::Cells), ..self.config.clone() };
+        let config = self.until(Until::Cells);
         let prepared = prepare(&config)?;
-        let facts = Facts::new(&prepared.source, &prepared.plan);
+        let facts = Facts::new(&prepared.source, prepared.plan.target);
         let triangles = facts.n_triangles;
         let job = self.guest(BTreeMap::new());
         job.record(FACTS, &facts)?;
         self.join_parts(&prepared.source, &job)?;
-        run_stages_in(&job, prepared, &config, self.progress)?;
+        run_steps(&job, prepared, self.progress)?;
         let store = store_of(&job)?;
         let files = store.packs.into_iter().chain(store.verdicts);
         let files = files.filter(|file| job.owns(&file.pack)).map(unit_file).collect();
@@ -147,10 +153,10 @@ impl Run<'_> {
 
     /// Everything from the survivors of the last round in units to the result, or to that of the first level of a chain.
     fn finish(self) -> Result<Record> {
-        let config = Config { until: Some(Until::Stitch), ..self.config.clone() };
+        let config = self.until(Until::Stitch);
         let prepared = prepare(&config)?;
         let job = self.guest(self.rounds()?);
-        run_stages_in(&job, prepared, &config, self.progress)?;
+        run_steps(&job, prepared, self.progress)?;
         let files = self.attempt.files()?;
         Ok(Record { outcomes: job.recorded(), files, ..Record::default() })
     }
@@ -160,7 +166,7 @@ impl Run<'_> {
         let prepared = prepare(self.config)?;
         self.job.begin_to_write()?;
         let job = self.guest(self.rounds()?);
-        let report = run_stages_in(&job, prepared, self.config, self.progress)?.report();
+        let report = run_steps(&job, prepared, self.progress)?.report();
         let mut report =
             report.ok_or_else(|| Error::Internal("the run has no report".to_owned()))?;
         let began = self.earlier.values().flatten().map(|(_, record)| record.span[0]);

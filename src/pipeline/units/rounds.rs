@@ -5,18 +5,19 @@
 //! machines. Where counts fall other than planned, the phases of a round have nothing to do, and `finish` goes on from there.
 
 use super::kind::Kind;
-use super::phases::{FACTS, Run, found, stage_report, store_of, unit_file};
+use super::phases::{FACTS, PhaseRun, found, stage_report, store_of, unit_file};
 use super::task::Task;
 use crate::config::Config;
 use crate::error::Result;
 use crate::kernel;
 use crate::pipeline::kernel_side::{Facts, kernel_side};
 use crate::pipeline::run_report::StageReport;
-use crate::stages::simplify::{self, ExactLevels, Goal, Levels, PilotPart};
-use crate::stages::stitch::{self, Step};
+use crate::stages::simplify::{self, CellRun, ExactLevels, Goal, Levels, PilotPart};
+use crate::stages::stitch::{self, NextStep};
 use crate::store::cells::{CellStore, StoreInfo, SurvivorInfo, SurvivorPack};
 use crate::store::job::Job;
 use crate::store::job::units::{Record, Unit, UnitFile};
+use crate::store::stage_context::StageContext;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -27,16 +28,14 @@ const PILOT: &str = "pilot";
 const TRIAL: &str = "trial";
 const BATCH: &str = "batch";
 
-impl Run<'_> {
+impl PhaseRun<'_> {
     /// Some cells of a round's sample on their way down.
     pub(super) fn pilot(self, round: u32, task: &Task) -> Result<Record> {
         let job = self.guest(BTreeMap::new());
-        let Some(Round { store, goal, options, .. }) = Round::of(round, &job, self.config)? else {
-            return Ok(Record::default());
-        };
+        let Some(at) = Round::of(round, &job, self.config)? else { return Ok(Record::default()) };
         self.progress.begin("pilot", 1, 1, 0);
         let part = (task.unit.index as usize, task.frozen.units_of(&task.unit.phase).len());
-        let part = simplify::pilot_part(&store, goal, &options, &self.context(&job), part)?;
+        let part = simplify::pilot_part(&at.cell_run(&self.context(&job)), part)?;
         job.record(PILOT, &part)?;
         Ok(Record { outcomes: job.recorded(), ..Record::default() })
     }
@@ -50,7 +49,7 @@ impl Run<'_> {
         let thresholds = self.thresholds(&at)?;
         let run = self.context(&job);
         self.progress.begin("trial", 1, 1, at.triangles(&cells));
-        let counts = simplify::trial((&at.store, at.goal), &at.options, &thresholds, &run, cells)?;
+        let counts = simplify::trial(&at.cell_run(&run), &thresholds, cells)?;
         job.record(TRIAL, &counts)?;
         Ok(Record { outcomes: job.recorded(), ..Record::default() })
     }
@@ -64,8 +63,8 @@ impl Run<'_> {
             job.outcome(&format!("round {}", round - 1))?;
         let Some((left, _)) = before else { return Ok(Record::default()) };
         match stitch::next_step(left.triangles, facts.target, size, round) {
-            Step::Round(_) | Step::ExactRound => {}
-            Step::Finish | Step::Done => return Ok(Record::default()),
+            NextStep::Round(_) | NextStep::ExactRound => {}
+            NextStep::Finish | NextStep::Done => return Ok(Record::default()),
         }
         let (triangles, began) = (left.triangles, Instant::now());
         self.progress.begin("repartition", 1, 1, triangles);
@@ -95,8 +94,7 @@ impl Run<'_> {
         }
         let (triangles, run) = (at.triangles(&cells), self.context(&job));
         self.progress.begin(if round == 0 { "simplify" } else { "round" }, 1, 1, triangles);
-        let Round { store, goal, options, .. } = &at;
-        let left = simplify::simplify_batch(store, *goal, options, &run, (&levels, cells))?;
+        let left = simplify::simplify_batch(&at.cell_run(&run), &levels, cells)?;
         let files = left.packs.iter();
         let files = files.map(|f| UnitFile { pack: f.pack.clone(), bytes: f.pack_bytes }).collect();
         job.record(BATCH, &left)?;
@@ -176,11 +174,11 @@ impl Round {
         };
         let step = stitch::next_step(info.triangles, facts.target, config.cell_triangles, round);
         let (triangles, is_exact) = match step {
-            Step::Round(goal) => {
+            NextStep::Round(goal) => {
                 (stitch::within_reach(goal, info.triangles, info.shared_vertices), false)
             }
-            Step::ExactRound => (facts.target, true),
-            Step::Finish | Step::Done => return Ok(None),
+            NextStep::ExactRound => (facts.target, true),
+            NextStep::Finish | NextStep::Done => return Ok(None),
         };
         let (layout, mut options) = kernel_side(&facts, config);
         if let Some(weights) = job.outcome("channel lengths")? {
@@ -189,6 +187,11 @@ impl Round {
         options.use_share_of_bound(stitch::bound_share(round), stitch::PATIENCE);
         let store = CellStore::open(job.disk(), job.folder(), info, layout)?;
         Ok(Some(Round { store, goal: Goal { round, triangles }, options, is_exact }))
+    }
+
+    fn cell_run<'a>(&'a self, context: &'a StageContext<'a>) -> CellRun<'a> {
+        let Round { store, goal, options, .. } = self;
+        CellRun { store, goal: *goal, options, beside: None, context }
     }
 
     /// The cells of a unit.

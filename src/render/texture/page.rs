@@ -27,7 +27,8 @@ pub fn apart(uv: [[f32; 2]; 3], corner: usize) -> f64 {
 /// `corner` gives a vertex's place in the image, from 0 to 1, from the upper left corner; triangles without an area in the
 /// image do not count. The error says in words why the image cannot be decoded.
 pub fn add_corners(
-    (image, size, factor): (&[u8], [u32; 2], [f32; 4]),
+    (image, size): (&[u8], [u32; 2]),
+    factor: [f32; 4],
     triangles: &[[u32; 3]],
     corner: impl Fn(u32) -> [f32; 2],
     sums: &mut [Light],

@@ -2,16 +2,14 @@
 //!
 //! Cells lie in the pack in their order, so that two attempts at a batch write equal packs.
 
+use super::cell_run::CellRun;
 use super::exact::ExactLevels;
-use super::fitted;
 use super::ladder::Thresholds;
 use super::memory::{cell_bytes, result_bytes};
-use super::run_cells::{Goal, drain};
 use std::ops::Range;
-use stonecut_kernel::{Options, Stop};
+use stonecut_kernel::Stop;
 use stonecut_store::cell_id::CellId;
-use stonecut_store::cells::{CellStore, CellTally, SurvivorInfo, SurvivorWriter, Survivors};
-use stonecut_store::stage_context::StageContext;
+use stonecut_store::cells::{CellTally, SurvivorInfo, SurvivorWriter, Survivors};
 use stonecut_system::error::Result;
 use stonecut_system::parallel::in_order;
 
@@ -37,17 +35,17 @@ impl Levels {
 /// Simplifies some cells of `store` as far as `levels` say. The result is that of `simplify_cells`, or of
 /// `simplify_cells_exactly`, for these cells.
 pub fn simplify_batch(
-    store: &CellStore,
-    goal: Goal,
-    options: &Options,
-    run: &StageContext,
-    (levels, cells): (&Levels, Range<usize>),
+    round: &CellRun,
+    levels: &Levels,
+    cells: Range<usize>,
 ) -> Result<SurvivorInfo> {
-    let mut options = fitted(options, store, goal);
+    let mut options = round.fitted();
     options.keeps_relief &= matches!(levels, Levels::Threshold(_));
+    let round = CellRun { options: &options, ..*round };
+    let CellRun { store, goal, context: run, .. } = round;
     let name = run.job.name(&format!("round-{}.survivors", goal.round));
     let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
-    let threads = threads(store, goal, run, cells.clone());
+    let threads = threads(&round, cells.clone());
     in_order(
         cells.len() as u64,
         threads,
@@ -62,7 +60,7 @@ pub fn simplify_batch(
             let cell = store.load_tidy(number)?;
             *left = match levels.stop(number) {
                 None => Survivors::all_of(cell, store.layout()),
-                Some(stop) => drain(cell, stop, &options, store),
+                Some(stop) => round.drain(cell, stop),
             };
             Ok(())
         },
@@ -78,8 +76,9 @@ pub fn simplify_batch(
 }
 
 /// Threads whose cells fit into memory, each with a result that waits for its turn.
-fn threads(store: &CellStore, goal: Goal, run: &StageContext, cells: Range<usize>) -> usize {
-    let share = goal.triangles as f64 / store.info().triangles.max(1) as f64;
+fn threads(round: &CellRun, cells: Range<usize>) -> usize {
+    let CellRun { store, context: run, .. } = round;
+    let share = round.share();
     let bytes = |cell: CellId| {
         let CellTally { vertices, triangles } = store.info().cells[cell];
         let left = |n: u64| (n as f64 * (2.0 * share).min(1.0)) as u64;

@@ -4,47 +4,39 @@
 //! then, if the memory holds it; else its counts after all levels are noted, and it is simplified once more when its
 //! level is known. The result is the same.
 
-use super::fitted;
+use super::cell_run::{CellRun, Goal};
 use super::ladder::Thresholds;
 use super::pilot::{bytes_for_copies, sealed_thresholds, takes};
-use super::run_cells::{Goal, drain, for_cells, kernel_run, run_all, run_cells_loading, survivors};
 use libm::exp2;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::atomic::AtomicU64;
 use std::sync::{Mutex, PoisonError};
-use stonecut_kernel::{CloseLevels, Options, Stop};
+use stonecut_kernel::{CloseLevels, Options, Stop, simplify_mesh};
 use stonecut_store::cell_id::CellId;
 use stonecut_store::cells::{CellMesh, CellStore, SurvivorInfo, Survivors};
-use stonecut_store::stage_context::StageContext;
 use stonecut_system::error::Result;
 
 /// Simplifies every cell to an exact total, at most `goal.triangles`: for results too large for one finish.
 ///
 /// The first cells, in order, stop one level later than the others, so that the total meets the target to within one such
 /// step of one cell.
-pub fn simplify_cells_exactly(
-    store: &CellStore,
-    goal: Goal,
-    options: &Options,
-    run: &StageContext,
-) -> Result<SurvivorInfo> {
-    let (thresholds, _) = sealed_thresholds(store, goal, options, run, false)?;
-    let options = &Options { keeps_relief: false, ..fitted(options, store, goal) };
+pub fn simplify_cells_exactly(round: &CellRun) -> Result<SurvivorInfo> {
+    let (thresholds, _) = sealed_thresholds(round, false)?;
+    let round = CellRun { options: &Options { keeps_relief: false, ..round.fitted() }, ..*round };
     let standing = Standing::default();
+    let name = format!("round {} exact levels", round.goal.round);
     let levels: ExactLevels =
-        run.job.sealed(&format!("round {} exact levels", goal.round), || {
-            descend((store, goal), options, &thresholds, &standing, run)
-        })?;
-    run_cells_loading(store, goal, run, |id| {
+        round.context.job.sealed(&name, || descend(&round, &thresholds, &standing))?;
+    round.write(|id| {
         if let Some((cell, way)) = standing.take(id, levels.depth(id)) {
-            return Ok(survivors(&cell, way.finish(), store));
+            return Ok(round.survivors(&cell, way.finish()));
         }
-        let cell = store.load_tidy(id)?;
+        let cell = round.store.load_tidy(id)?;
         Ok(match levels.stop(id) {
-            Some(stop) => drain(cell, stop, options, store),
-            None => Survivors::all_of(cell, store.layout()),
+            Some(stop) => round.drain(cell, stop),
+            None => Survivors::all_of(cell, round.store.layout()),
         })
     })
 }
@@ -73,20 +65,15 @@ impl Standing {
 }
 
 /// Finds the levels that meet the goal. Cells that the memory holds are left `standing`.
-fn descend(
-    (store, goal): (&CellStore, Goal),
-    options: &Options,
-    thresholds: &Thresholds,
-    standing: &Standing,
-    run: &StageContext,
-) -> Result<ExactLevels> {
+fn descend(round: &CellRun, thresholds: &Thresholds, standing: &Standing) -> Result<ExactLevels> {
+    let CellRun { store, goal, options, context: run, .. } = *round;
     let levels = close_levels(thresholds);
     if levels.is_empty() {
         return Ok(ExactLevels::default());
     }
     let free_bytes = AtomicU64::new(bytes_for_copies(store, run));
     let options = &Options { estimate: true, ..options.clone() };
-    let mut counts = run_all((store, goal), 0..store.n_cells(), run, |id, mut cell| {
+    let mut counts = round.outcomes(0..store.n_cells(), |id, mut cell| {
         let mesh = std::mem::take(&mut cell.mesh);
         let mut way = CloseLevels::new(mesh, &cell.shared, options, levels.clone());
         way.take(FIRST_LOOK);
@@ -112,16 +99,15 @@ fn descend(
         let lack: Vec<CellId> = lack.copied().collect();
         // Their meshes are of no use, so nothing is fitted.
         let counting = Options { expected_share: 0.0, ..options.clone() };
-        note(&mut counts, (store, goal), &lack, run, |id| {
-            let stop = Stop::CloseCosts(levels.clone());
-            Ok(kernel_run(store.load_tidy(id)?, stop, &counting).1.statistics.level_counts)
+        note(&mut counts, round, &lack, |id| {
+            Ok(counts_of(store.load_tidy(id)?, &levels, &counting))
         })?;
         // In order, and no farther than the goal asks for.
         for few in all_standing.chunks(run.threads.max(1)) {
             if meets(&counts, store, (depth + 1, goal.triangles)) {
                 break;
             }
-            note(&mut counts, (store, goal), few, run, |id| {
+            note(&mut counts, round, few, |id| {
                 let Some((cell, mut way)) = standing.remove(id) else { return Ok(Vec::new()) };
                 way.take(depth + 1);
                 let counts = way.counts().to_vec();
@@ -138,13 +124,12 @@ fn descend(
 /// Runs `work` on some cells and notes the counts that it finds for each.
 fn note(
     counts: &mut [Vec<u64>],
-    round: (&CellStore, Goal),
+    round: &CellRun,
     cells: &[CellId],
-    run: &StageContext,
     work: impl Fn(CellId) -> Result<Vec<u64>> + Sync,
 ) -> Result<()> {
     let found = Mutex::new(Vec::new());
-    for_cells(round, cells.iter().copied(), 0, run, |id| {
+    round.for_each(cells.iter().copied(), |id| {
         let counts = work(id)?;
         found.lock().unwrap_or_else(PoisonError::into_inner).push((id, counts));
         Ok(())
@@ -157,20 +142,21 @@ fn note(
 
 /// The counts of some cells after each of many close levels, in the order of the cells; nothing where nothing is to be done.
 pub fn trial(
-    round: (&CellStore, Goal),
-    options: &Options,
+    round: &CellRun,
     thresholds: &Thresholds,
-    run: &StageContext,
     cells: Range<usize>,
 ) -> Result<Vec<Vec<u64>>> {
     let levels = close_levels(thresholds);
     if levels.is_empty() {
         return Ok(Vec::new());
     }
-    run_all(round, cells, run, |_, cell| {
-        let stop = Stop::CloseCosts(levels.clone());
-        kernel_run(cell, stop, options).1.statistics.level_counts
-    })
+    round.outcomes(cells, |_, cell| counts_of(cell, &levels, round.options))
+}
+
+/// Triangles of a cell after each of the levels.
+fn counts_of(cell: CellMesh, levels: &[f64], options: &Options) -> Vec<u64> {
+    let options = Options { stop: Stop::CloseCosts(levels.to_vec()), ..options.clone() };
+    simplify_mesh(cell.mesh, &cell.shared, &options).statistics.level_counts
 }
 
 fn close_levels(thresholds: &Thresholds) -> Vec<f64> {

@@ -4,9 +4,9 @@
 //! known they go on from there, so that the pilot costs little more than its look ahead. What was not kept, for
 //! want of memory or after an interruption, is computed again along the same ladder: the same bytes.
 
+use super::cell_run::{CellRun, Goal};
 use super::ladder::{Thresholds, descend, ladder, pilot_cells};
 use super::memory::cell_bytes;
-use super::run_cells::{Goal, for_cells};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -26,9 +26,9 @@ const KEPT_SHARE: f64 = 0.7;
 
 /// Cells of the pilot as far as they have come, by cell and number of levels.
 #[derive(Default)]
-pub(super) struct Begun(Mutex<BTreeMap<(CellId, usize), Stepwise>>);
+pub(super) struct BegunCells(Mutex<BTreeMap<(CellId, usize), Stepwise>>);
 
-impl Begun {
+impl BegunCells {
     /// The cell on its way, all of its thresholds but the last behind it.
     pub(super) fn take(&self, cell: CellId, thresholds: &Thresholds) -> Option<Stepwise> {
         let n = thresholds.n_taken(cell)?;
@@ -38,17 +38,12 @@ impl Begun {
 
 /// The thresholds of a round, found once and then the same for every run that continues it; and what the pilot has
 /// begun, if it ran now and `keeps` it.
-pub(super) fn sealed_thresholds(
-    store: &CellStore,
-    goal: Goal,
-    options: &Options,
-    run: &StageContext,
-    keeps: bool,
-) -> Result<(Thresholds, Begun)> {
-    let begun = Begun::default();
-    let name = format!("round {} levels", goal.round);
-    let thresholds =
-        run.job.sealed(&name, || pilot(store, goal, options, run, keeps.then_some(&begun)))?;
+pub(super) fn sealed_thresholds(round: &CellRun, keeps: bool) -> Result<(Thresholds, BegunCells)> {
+    let begun = BegunCells::default();
+    // What is done beside is not done by the pilot.
+    let alone = CellRun { beside: None, ..*round };
+    let name = format!("round {} levels", round.goal.round);
+    let thresholds = round.context.job.sealed(&name, || pilot(&alone, keeps.then_some(&begun)))?;
     let mut copies = begun.0.lock().unwrap_or_else(PoisonError::into_inner);
     copies.retain(|&(cell, n), _| thresholds.n_taken(cell) == Some(n));
     drop(copies);
@@ -74,29 +69,17 @@ pub struct PilotPart {
 }
 
 /// Finds the thresholds that bring the whole store to `goal`.
-fn pilot(
-    store: &CellStore,
-    goal: Goal,
-    options: &Options,
-    run: &StageContext,
-    begun: Option<&Begun>,
-) -> Result<Thresholds> {
-    let sample = sample(store, goal);
-    let part = send_down((store, goal), (&sample, &sample), options, run, begun)?;
-    thresholds_of(store, goal, [part])
+fn pilot(round: &CellRun, begun: Option<&BegunCells>) -> Result<Thresholds> {
+    let sample = sample(round.store, round.goal);
+    let part = send_down(round, (&sample, &sample), begun)?;
+    thresholds_of(round.store, round.goal, [part])
 }
 
 /// Sends the share of one process down the ladder: every `of`-th cell of the sample from the one of number `index` on.
-pub fn pilot_part(
-    store: &CellStore,
-    goal: Goal,
-    options: &Options,
-    run: &StageContext,
-    (index, of): (usize, usize),
-) -> Result<PilotPart> {
-    let sample = sample(store, goal);
+pub fn pilot_part(round: &CellRun, (index, of): (usize, usize)) -> Result<PilotPart> {
+    let sample = sample(round.store, round.goal);
     let share: Vec<CellId> = sample.iter().copied().skip(index).step_by(of).collect();
-    send_down((store, goal), (&sample, &share), options, run, None)
+    send_down(round, (&sample, &share), None)
 }
 
 /// The thresholds of a round from all parts of its pilot. The same on every machine.
@@ -138,12 +121,11 @@ fn sample(store: &CellStore, goal: Goal) -> Vec<CellId> {
 
 /// Sends some cells of a sample down its ladder.
 fn send_down(
-    (store, goal): (&CellStore, Goal),
+    round: &CellRun,
     (sample, share): (&[CellId], &[CellId]),
-    options: &Options,
-    run: &StageContext,
-    begun: Option<&Begun>,
+    begun: Option<&BegunCells>,
 ) -> Result<PilotPart> {
+    let CellRun { store, goal, options, context: run, .. } = *round;
     if share.is_empty() {
         return Ok(PilotPart::default());
     }
@@ -156,7 +138,7 @@ fn send_down(
         // Only counts are asked for.
         options.expected_share = 0.0;
     }
-    for_cells((store, goal), share.iter().copied(), 0, run, |index| {
+    round.for_each(share.iter().copied(), |index| {
         let mut cell = store.load_tidy(index)?;
         let mesh = std::mem::take(&mut cell.mesh);
         let start = mesh.triangles.len() as u64;

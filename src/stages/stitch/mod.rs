@@ -46,7 +46,7 @@ const MOST_ROUNDS: u32 = 12;
 
 /// Next step after a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step {
+pub enum NextStep {
     /// All cells join in memory and are simplified to the exact target.
     Finish,
     /// New cells, simplified until about this many triangles are left.
@@ -58,25 +58,25 @@ pub enum Step {
 }
 
 /// Decides the next step from the count of triangles now, the target, the cell size, and what was done.
-pub fn next_step(now: u64, target: u64, cell_triangles: u64, rounds_done: u32) -> Step {
+pub fn next_step(now: u64, target: u64, cell_triangles: u64, rounds_done: u32) -> NextStep {
     let limit = cell_triangles.saturating_mul(FINISH_CELLS);
     if now <= limit && (now > target || rounds_done == 0) {
-        return Step::Finish;
+        return NextStep::Finish;
     }
     if now <= target {
-        return if rounds_done == 0 { Step::Round(target) } else { Step::Done };
+        return if rounds_done == 0 { NextStep::Round(target) } else { NextStep::Done };
     }
     if rounds_done >= MOST_ROUNDS {
-        return Step::Done;
+        return NextStep::Done;
     }
     let floor = (now as f64 * (LEFT_PER_ROOT / (cell_triangles as f64).sqrt()).min(0.5)) as u64;
     for (multiple, near) in [COARSE, MEDIUM, FINE] {
         let goal = ((target as f64 * multiple) as u64).max(floor);
         if now as f64 > goal as f64 * near {
-            return Step::Round(goal);
+            return NextStep::Round(goal);
         }
     }
-    Step::ExactRound
+    NextStep::ExactRound
 }
 
 /// The next step of a run that goes as far as a bound on the error allows; `before` is the count before the last
@@ -86,14 +86,18 @@ pub fn next_step_within_bound(
     before: u64,
     cell_triangles: u64,
     rounds_done: u32,
-) -> Step {
+) -> NextStep {
     if now <= cell_triangles.saturating_mul(FINISH_CELLS) {
-        return Step::Finish;
+        return NextStep::Finish;
     }
     // The whole bound: once for the cells, once more for what were their seams.
     let is_at_an_end =
         rounds_done > 1 && (rounds_done >= MOST_ROUNDS || now as f64 > 0.97 * before as f64);
-    if is_at_an_end { Step::Done } else { Step::Round((now as f64 * EXPECTED_SHARE) as u64) }
+    if is_at_an_end {
+        NextStep::Done
+    } else {
+        NextStep::Round((now as f64 * EXPECTED_SHARE) as u64)
+    }
 }
 
 /// Of the bound, what the first round may use; later ones and the finish: all.
@@ -130,13 +134,13 @@ pub fn within_reach(goal: u64, now: u64, shared_vertices: u64) -> u64 {
 mod tests {
     use super::*;
 
-    fn rounds(mut now: u64, target: u64, cell: u64) -> Vec<Step> {
+    fn rounds(mut now: u64, target: u64, cell: u64) -> Vec<NextStep> {
         let mut steps = Vec::new();
         loop {
             let step = next_step(now, target, cell, steps.len() as u32);
             steps.push(step);
             match step {
-                Step::Round(goal) => now = goal.min(now),
+                NextStep::Round(goal) => now = goal.min(now),
                 _ => return steps,
             }
         }
@@ -144,25 +148,31 @@ mod tests {
 
     #[test]
     fn small_results_end_in_a_finish_large_ones_in_an_exact_round() {
-        assert_eq!(rounds(900_000, 100_000, 256_000), [Step::Finish]);
-        assert_eq!(rounds(34_000_000, 340_000, 500_000), [Step::Round(1_360_000), Step::Finish]);
+        assert_eq!(rounds(900_000, 100_000, 256_000), [NextStep::Finish]);
+        assert_eq!(
+            rounds(34_000_000, 340_000, 500_000),
+            [NextStep::Round(1_360_000), NextStep::Finish]
+        );
         let billion = rounds(1_000_000_000, 1_000_000, 256_000);
-        assert_eq!(billion[0], Step::Round(15_811_388));
-        assert_eq!(billion.last(), Some(&Step::ExactRound));
+        assert_eq!(billion[0], NextStep::Round(15_811_388));
+        assert_eq!(billion.last(), Some(&NextStep::ExactRound));
         let large = rounds(1_000_000_000, 10_000_000, 256_000);
         assert_eq!(
             large,
             [
-                Step::Round(40_000_000),
-                Step::Round(20_000_000),
-                Step::Round(10_800_000),
-                Step::ExactRound
+                NextStep::Round(40_000_000),
+                NextStep::Round(20_000_000),
+                NextStep::Round(10_800_000),
+                NextStep::ExactRound
             ]
         );
-        assert_eq!(rounds(5_000_000, 6_000_000, 100_000), [Step::Round(6_000_000), Step::Done]);
-        assert_eq!(rounds(500, 6_000, 100_000), [Step::Finish]);
+        assert_eq!(
+            rounds(5_000_000, 6_000_000, 100_000),
+            [NextStep::Round(6_000_000), NextStep::Done]
+        );
+        assert_eq!(rounds(500, 6_000, 100_000), [NextStep::Finish]);
         // Cells too small to go to four times the target at once.
-        let small = [Step::Round(63_608), Step::Round(34_856), Step::Finish];
+        let small = [NextStep::Round(63_608), NextStep::Round(34_856), NextStep::Finish];
         assert_eq!(rounds(871_000, 8_714, 12_000), small);
     }
 

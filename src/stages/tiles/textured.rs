@@ -41,7 +41,8 @@ pub struct Places<'a> {
 /// Reads the tiles that a round has written of a cell. Errors: `Corrupt` for a file that is not as it was written.
 pub fn read_shapes(
     folder: &Path,
-    (level, cell, n_tiles): (u32, CellId, usize),
+    (level, cell): (u32, CellId),
+    n_tiles: usize,
     scalars: &[TileScalar],
 ) -> Result<Vec<Shape>> {
     let read = |name: &str| {

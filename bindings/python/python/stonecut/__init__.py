@@ -323,6 +323,7 @@ def simplify_file(
     until: Until | None = None,
     force: bool = False,
     restart: bool = False,
+    min_free: Size | None = None,
     format: str | None = None,
     skip_bad: bool = False,
     min_component: int | str | None = None,
@@ -377,6 +378,7 @@ def simplify_file(
         temp_dir: where the job folder lies [beside the output]. until: stop after this stage and return ``{}``; the same
             call without it continues.
         force: replace the output if it exists. restart: throw away what an earlier call left.
+        min_free: refuse a run that would leave less than this free on a disk that it writes to.
         min_component: drop components below a count of triangles, or below ``"size=2.5"`` or ``"size=0.1%"``.
         texture: keep the input's charts and images, or bake new ones for the result on pages of ``bake_size`` texels a
             side, ``bake_pages`` at most, normal maps with ``bake_normals`` [bake below 30 % of the triangles].

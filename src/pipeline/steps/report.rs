@@ -1,7 +1,6 @@
 //! The report of a run, from what its stages have counted.
 
-use super::Stages;
-use crate::config::Config;
+use super::SimplifyRun;
 use crate::io::ply::MeshSource;
 use crate::pipeline::run_report::{
     BoundReport, FaceReport, InputReport, LevelReport, OutputReport, RunReport, SeamReport,
@@ -9,18 +8,15 @@ use crate::pipeline::run_report::{
 };
 use crate::stages::partition::Partition;
 use crate::stages::write::Written;
+use crate::store::cells::Dropped;
 use crate::system::json_keys::SCHEMA_VERSION;
-use std::time::Instant;
+use std::collections::BTreeMap;
 
-impl Stages<'_> {
+impl SimplifyRun<'_> {
     /// Report of the level at work.
-    pub(in crate::pipeline) fn level_report(
-        &self,
-        source: &MeshSource,
-        written: Written,
-    ) -> LevelReport {
+    pub(super) fn level_report(&self, written: Written) -> LevelReport {
         let met = self.is_bound_only || written.triangles <= self.target;
-        let quality = self.quality.judge(source.n_triangles());
+        let quality = self.quality.judge(self.prepared.source.n_triangles());
         LevelReport {
             path: self.output().display().to_string(),
             vertices: written.vertices,
@@ -39,22 +35,20 @@ impl Stages<'_> {
     }
 
     /// Report of the whole run; of a chain, from its coarsest level.
-    pub(in crate::pipeline) fn report(
-        &self,
-        source: &MeshSource,
-        config: &Config,
-        partition: &Partition,
-        levels: Vec<LevelReport>,
-        started: Instant,
-    ) -> RunReport {
-        let seconds = started.elapsed().as_secs_f64();
+    pub(super) fn report(&mut self) -> RunReport {
+        let levels = std::mem::take(&mut self.levels);
+        let (config, source, partition) = (self.config, &self.prepared.source, &self.partition);
+        let seconds = self.started.elapsed().as_secs_f64();
         let coarsest = levels.last().cloned().unwrap_or_default();
         let has_seams = self.layout.codec.has_seams(source.schema());
         let n_materials = source.materials().map_or(0, |materials| materials.list.len());
         RunReport {
             schema_version: SCHEMA_VERSION,
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            input: InputReport::new(&config.input, source, partition.bounds),
+            input: InputReport {
+                faults: faults(source, partition, self.dropped.unwrap_or_default()),
+                ..InputReport::new(&config.input, source, partition.bounds)
+            },
             settings: config.settings(),
             cells: partition.store.cells.len() as u32,
             rounds: self.rounds_done,
@@ -79,7 +73,7 @@ impl Stages<'_> {
                 sample_position: partition.seam_place,
                 place: None,
             },
-            face_properties: match (source.carried(), self.kind()) {
+            face_properties: match (source.carried(), self.config.kind()) {
                 (Some(carry), Ok(kind)) => FaceReport::list(carry, kind, n_materials),
                 _ => Vec::new(),
             },
@@ -89,6 +83,9 @@ impl Stages<'_> {
             levels: if config.coarser.is_empty() { Vec::new() } else { levels },
             stages: self.stages.reports.clone(),
             method: config.method.name().to_owned(),
+            textures: self.texture_report.take(),
+            bake: self.bake_report.take(),
+            components: self.component_sizes.take(),
             max_error: self.config.kernel.bound.map(|bound| BoundReport {
                 bound: bound.distance,
                 tracked_max: Some(self.reach),
@@ -97,4 +94,25 @@ impl Stages<'_> {
             ..RunReport::default()
         }
     }
+}
+
+/// Faults of the input that were dropped, by name.
+pub(in crate::pipeline) fn faults(
+    source: &MeshSource,
+    partition: &Partition,
+    dropped: Dropped,
+) -> BTreeMap<String, u64> {
+    let found = source.faults();
+    BTreeMap::from([
+        ("degenerate_faces".to_owned(), partition.degenerate_faces),
+        ("duplicate_faces".to_owned(), dropped.duplicate_faces),
+        (
+            "unreferenced_vertices".to_owned(),
+            source.unreferenced_vertices() + dropped.unreferenced_vertices,
+        ),
+        ("bad_faces".to_owned(), partition.bad_faces + found.bad_faces),
+        ("bad_vertices".to_owned(), found.bad_vertices),
+        ("missing_faces".to_owned(), found.missing_faces),
+        ("missing_vertices".to_owned(), found.missing_vertices),
+    ])
 }

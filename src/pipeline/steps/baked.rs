@@ -3,7 +3,8 @@
 //! The shape is a PLY file in the job folder, as it would be written without a texture; the bake is sealed like any stage.
 //! So a run that dies while it bakes, or after that, goes on from there.
 
-use super::Stages;
+use super::SimplifyRun;
+use super::write::require_written;
 use crate::bake::{self, BakeReport, Baked, Corner, NormalSource, TANGENT_BYTES};
 use crate::error::{Error, Result};
 use crate::io::materials::all_missing;
@@ -22,7 +23,6 @@ use crate::stages::write::{self, Written};
 use crate::store::cells::SurvivorInfo;
 use crate::store::job::fingerprint::unchanged;
 use crate::system::units::{show_bytes, show_count};
-use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -30,35 +30,17 @@ use std::sync::Arc;
 /// Faces that go to the file together.
 const CHUNK: usize = 65_536;
 
-/// A level with a new texture.
-pub(in crate::pipeline) struct WrittenBake {
-    pub(in crate::pipeline) written: Written,
-    /// Absent where an earlier run has written the level.
-    pub(in crate::pipeline) report: Option<BakeSummary>,
-}
-
-/// Report of a new texture.
-pub(in crate::pipeline) struct BakeSummary {
-    pub(in crate::pipeline) textures: TextureReport,
-    pub(in crate::pipeline) bake: BakeReport,
-}
-
-impl Stages<'_> {
+impl SimplifyRun<'_> {
     /// Makes a new texture for the result of the level at work, and writes both.
-    pub(in crate::pipeline) fn write_baked(
-        &mut self,
-        source: &MeshSource,
-        marks: &BTreeMap<String, String>,
-        result: &SurvivorInfo,
-    ) -> Result<WrittenBake> {
+    pub(super) fn write_baked(&mut self, result: &SurvivorInfo) -> Result<Written> {
         let written_key = format!("written {}", self.level);
         let path = self.output().to_path_buf();
         if let Some(written) = self.run.job.outcome::<Written>(&written_key)? {
-            super::require_written(&path, written, self.run.job.folder())?;
-            return Ok(WrittenBake { written, report: None });
+            require_written(&path, written, self.run.job.folder())?;
+            return Ok(written);
         }
         let shape = self.run.job.path(&format!("shape-{}.part", self.level));
-        let baked = self.bake(source, marks, result, &shape)?;
+        let baked = self.bake(result, &shape)?;
         self.run.progress.lose_all(&baked.report.losses);
         let BakeReport { charts, pages, texel_density, original_texel_density, .. } = &baked.report;
         let of_original = original_texel_density
@@ -78,37 +60,31 @@ impl Stages<'_> {
                 normals.mean_degrees
             ));
         }
-        let (written, plan) = self.as_write_stage(result.triangles, |stages| {
-            stages.write_with_pages(source, &shape, &baked)
-        })?;
+        let (written, plan) = self
+            .as_write_stage(result.triangles, |stages| stages.write_with_pages(&shape, &baked))?;
         if self.level < self.config.coarser.len() {
             self.run.job.record(&written_key, &written)?;
         }
         let mut textures = TextureReport::of(&plan);
         textures.notes.splice(0..0, baked.report.notes.iter().cloned());
-        if source.materials().is_some_and(|materials| materials.lacks_images()) {
+        if self.prepared.source.materials().is_some_and(|materials| materials.lacks_images()) {
             textures.lacks_images = true;
             let n = textures.images as usize;
             self.run.progress.lose(all_missing(n));
         }
-        Ok(WrittenBake { written, report: Some(BakeSummary { textures, bake: baked.report }) })
+        (self.texture_report, self.bake_report) = (Some(textures), Some(baked.report));
+        Ok(written)
     }
 
     /// The stage that makes the texture.
-    fn bake(
-        &mut self,
-        source: &MeshSource,
-        marks: &BTreeMap<String, String>,
-        result: &SurvivorInfo,
-        shape: &Path,
-    ) -> Result<Baked> {
-        let (config, level) = (self.config, self.level);
+    fn bake(&mut self, result: &SurvivorInfo, shape: &Path) -> Result<Baked> {
+        let (config, level, marks) = (self.config, self.level, &self.prepared.marks);
         let pack = self.survivors(result.clone())?;
         let options = crate::pipeline::bake::options(config);
         let kind = Some(OutputKind::Ply);
         let encoding = Some(Encoding::BinaryLittleEndian);
         let format = OutputFormat { kind, encoding, ..OutputFormat::default() };
-        let (header, form) = self.form(source, format);
+        let (header, form) = self.form(format);
         let n = result.triangles;
         self.stages.stage(
             (&format!("bake {level}"), "bake"),
@@ -139,21 +115,17 @@ impl Stages<'_> {
     }
 
     /// Writes the output: the shape with the new coordinates, materials and images.
-    fn write_with_pages(
-        &self,
-        source: &MeshSource,
-        shape: &Path,
-        baked: &Baked,
-    ) -> Result<(Written, TexturePlan)> {
+    fn write_with_pages(&self, shape: &Path, baked: &Baked) -> Result<(Written, TexturePlan)> {
+        let source = &self.prepared.source;
         let (path, config) = (self.output().to_path_buf(), self.config);
         let shape = MeshSource::open(shape)?;
         let beside = if self.level == 0 { &config.textures_beside } else { &path };
         let stem = beside.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let request = TextureRequest {
             output: beside,
-            kind: self.kind()?,
+            kind: self.config.kind()?,
             mode: config.textures,
-            force: config.force,
+            force: config.job.force,
         };
         let mut materials = materials_of(baked, &stem)?;
         // A library of the input is not to be replaced.
@@ -163,7 +135,7 @@ impl Stages<'_> {
         if baked.holds_vertex_colours {
             source.clamped_colours().into_iter().for_each(|loss| self.run.progress.lose(loss));
         }
-        let is_doubled = self.kind()? == OutputKind::Glb && baked.holds_vertex_colours;
+        let is_doubled = self.config.kind()? == OutputKind::Glb && baked.holds_vertex_colours;
         let (schema, kept) = written_properties(shape.schema(), is_doubled);
         let mut header = OutputHeader::new(schema, shape.n_vertices(), shape.n_face_rows());
         header.comments = shape.plain_comments();
@@ -176,8 +148,8 @@ impl Stages<'_> {
         header.faces.properties.push(Property::new(NUMBER, Scalar::I32));
         header.textures = Some(plan.clone());
         header.sort_memory_bytes = write::sort_memory_bytes(&self.run);
-        let (disk, replace) = (self.run.disk().clone(), config.force);
-        let format = OutputFormat { kind: Some(self.kind()?), ..config.format };
+        let (disk, replace) = (self.run.disk().clone(), config.job.force);
+        let format = OutputFormat { kind: Some(self.config.kind()?), ..config.format };
         let mut sink = MeshSink::create(Place { path, disk, replace }, header, format)?;
         let mut block = VertexBlock::default();
         for i in 0..shape.n_vertex_blocks() {
