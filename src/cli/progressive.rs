@@ -19,6 +19,11 @@ pub(super) struct TypedProgressive {
 }
 
 impl TypedProgressive {
+    /// The path that was typed.
+    pub(super) fn path(&self) -> Option<&PathBuf> {
+        self.progressive.as_ref()
+    }
+
     /// The settings; `typed` lists options that do not go with it.
     pub(super) fn settings(&self, typed: &[(&str, bool)]) -> Result<Option<Progressive>> {
         let Some(path) = self.progressive.clone() else { return Ok(None) };

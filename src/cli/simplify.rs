@@ -417,12 +417,11 @@ impl Args {
         let may_be_ours = !self.restart && pipeline::has_begun_to_write(job_folder, &self.output);
         let outputs = self.levels()?.into_iter().map(|level| level.output);
         let paths = Paths::new(self.force || may_be_ours).with(Role::Input, "INPUT", &self.input);
-        let progressive = self.progressive.progressive.as_ref();
         let paths = outputs.fold(paths, |paths, output| paths.with(Role::Output, "OUTPUT", output));
         Ok(paths
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
             .with_option(Role::Side(Kind::Seams), "--seams", self.seams.as_ref())
-            .with_option(Role::Side(Kind::Progressive), "--progressive", progressive)
+            .with_option(Role::Side(Kind::Progressive), "--progressive", self.progressive.path())
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
             .with(Role::JobFolder, "the job folder", job_folder))
     }
