@@ -3,10 +3,10 @@
 use super::{room, sources, without_tests};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Names of types that may still stand in several rooms (134 do). May only fall; the aim is ten, each with a reason.
+/// Names of types that may still stand in several rooms (137 do). May only fall; the aim is ten, each with a reason.
 const SHARED_NAMES: usize = 138;
 
-/// Parameters that may still be tuples of more than two (none is). May only fall.
+/// Parameters that may still be tuples of more than two (one is). May only fall.
 const LONG_TUPLES: usize = 2;
 
 /// Names of the types that a file defines.
