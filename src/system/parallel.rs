@@ -280,12 +280,15 @@ mod tests {
     fn workers_have_the_stack_of_the_main_thread() {
         let steps = 4 << 4;
         let progress = Progress::default();
-        let work = || drop(std::hint::black_box(deep(steps)));
-        both(true, || Ok(work()), || Ok(())).unwrap();
-        let produce = |_: u64, _: &mut ()| Ok(work());
+        let work = || -> Result<()> {
+            std::hint::black_box(deep(steps));
+            Ok(())
+        };
+        both(true, work, || Ok(())).unwrap();
+        let produce = |_: u64, _: &mut ()| work();
         in_order(2, 2, &progress, produce, |_, _| Ok(())).unwrap();
         let jobs = vec![Weighted { item: 0, bytes: 1 }];
-        largest_first(jobs, 2, 1, &progress, |_| (), |_| Ok(work())).unwrap();
+        largest_first(jobs, 2, 1, &progress, |_| (), |_| work()).unwrap();
     }
 
     #[test]

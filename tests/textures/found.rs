@@ -150,7 +150,7 @@ fn exr_is_decoded_for_colours() {
     image::DynamicImage::ImageRgb32F(light).save(folder.join("tex.exr")).unwrap();
     std::fs::write(folder.join("in.obj"), OBJ).unwrap();
     std::fs::write(folder.join("in.mtl"), "newmtl wood\nmap_Kd tex.exr\n").unwrap();
-    let said = expect(folder, "convert in.obj out.glb", 0);
+    let said = expect(folder, "convert in.obj out.glb", 3);
     assert!(said.contains("glTF knows no exr"), "{said}");
     let said = expect(folder, "render in.obj -o p.png --size 32x32 --unlit", 0);
     let picture = image::open(folder.join("p.png")).unwrap().into_rgb8();

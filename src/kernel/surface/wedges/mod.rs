@@ -16,7 +16,7 @@ pub(crate) mod divide;
 pub(crate) mod pairs;
 
 use crate::simd::Simd;
-use crate::surface::{MAX_VALENCE, Surface};
+use crate::surface::Surface;
 use crate::vertex::GONE;
 use stonecut_mesh::union_find::Union;
 
@@ -291,7 +291,7 @@ impl Wedges {
         }
         for (v, &w) in wedge_of.iter().enumerate().filter(|(_, w)| **w != GONE) {
             // Of a vertex of more triangles than that nothing is found again (`look_again`).
-            let is_hub = surface.rings[v].len > MAX_VALENCE;
+            let is_hub = surface.rings[v].len > crate::surface::MAX_VALENCE;
             if has_several[v] != self.is_seam[v] && !(is_hub && self.is_seam[v]) {
                 return Err(format!("vertex {v} is on a seam: {}", has_several[v]));
             }
