@@ -37,8 +37,11 @@ fn write(path: &Path, (points, faces): &Triangles, kind: &str, value: impl Fn(us
     std::fs::write(path, bytes).unwrap();
 }
 
-/// Positions, what comes behind them up to the colour, and faces of such a file.
-fn read(path: &Path, value_bytes: usize) -> (Vec<[f64; 3]>, Vec<Vec<u8>>, Vec<[usize; 3]>) {
+/// Positions, what comes behind them up to the colour, and faces.
+type Contents = (Vec<[f64; 3]>, Vec<Vec<u8>>, Vec<[usize; 3]>);
+
+/// The contents of such a file.
+fn read(path: &Path, value_bytes: usize) -> Contents {
     let bytes = std::fs::read(path).unwrap();
     let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
     let header = std::str::from_utf8(&bytes[..end]).unwrap();

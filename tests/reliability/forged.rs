@@ -209,10 +209,8 @@ fn a_note_on_a_cell_that_is_not_there_is_found() {
         let is_note = |at: &usize| pack[at + 4..at + 8] == FOREIGN.to_le_bytes();
         for at in chunks.iter().copied().filter(is_note).collect::<Vec<_>>() {
             let (begin, n) = (at + CHUNK_HEAD, word(&pack, at + 8) as usize);
-            for row in begin..begin + n / 12 * 12 {
-                if (row - begin) % 12 >= 8 {
-                    pack[row] = 99;
-                }
+            for row in pack[begin..begin + n].chunks_exact_mut(12) {
+                row[8..].fill(99);
             }
             let [old, new] = seal(&mut pack, at);
             let index = *chunks.last().unwrap();

@@ -163,7 +163,7 @@ fn spoil_glb(bytes: &[u8], random: &mut Random) -> Vec<u8> {
 
 /// A GLB of its first eight bytes, its JSON and what follows.
 fn glb(first: &[u8], mut json: Vec<u8>, rest: &[u8]) -> Vec<u8> {
-    while json.len() % 4 != 0 {
+    while !json.len().is_multiple_of(4) {
         json.push(b' ');
     }
     let mut glb = first.to_vec();
