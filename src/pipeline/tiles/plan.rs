@@ -222,10 +222,12 @@ impl TilesPlan {
         let sizes =
             Sizes { n_vertices: source.n_vertices(), n_cells, store_bytes: store, layout: &layout };
         let tables = Shares::new(sizes, config.threads.get(), usable).least_bytes;
-        let pages = if textured { least_for_tiles(source, most)? } else { 0 };
+        let pages_of = |most| if textured { least_for_tiles(source, most) } else { Ok(0) };
+        let pages = pages_of(most)?;
         let needed = work.max(tables).max(pages) + BASE_BYTES;
         if needed > usable + BASE_BYTES {
-            let named = needed.max(BASE_BYTES + work_of(most_of(UNEVEN_AT_WORST)));
+            let worst = most_of(UNEVEN_AT_WORST);
+            let named = needed.max(BASE_BYTES + work_of(worst).max(pages_of(worst)?));
             return Err(too_little(config, named));
         }
         let finest = triangles_in as f64 * hidden.left.powi(hidden.rounds as i32);
