@@ -12,6 +12,7 @@ mod extent;
 mod external_sort;
 mod face_survey;
 mod gltf;
+pub mod join;
 mod label_survey;
 mod lock;
 pub mod materials;
@@ -40,6 +41,7 @@ pub use gltf::{
     GlbWriter, StoredPage, StoredTile, TileForm, TileMesh, TilePage, TileScalar, decode_tile,
     decode_tile_within, encode_tile,
 };
+pub use join::{InputPaths, InputSet, MeshPart};
 pub use label_survey::survey_labels;
 pub use materials::NUMBER;
 pub use materials::{TextureMode, TexturePlan, TextureRequest};

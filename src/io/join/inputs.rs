@@ -1,0 +1,344 @@
+//! The inputs of a command as they are typed: a file, several, a folder, a list (`@list.txt`), a tree of tiles.
+//!
+//! The set of parts does not depend on the order in which they are typed: each file once, by its full path, numbers in it
+//! as numbers. Nothing is opened here but folders and lists.
+
+use super::{InputSet, MeshPart, trees};
+use std::borrow::Cow;
+use std::cmp::Ordering;
+use std::collections::{BTreeMap, HashSet};
+use std::ops::Deref;
+use std::path::{Path, PathBuf};
+use stonecut_system::disk::read_regular;
+use stonecut_system::error::{Error, Result};
+
+/// Endings of mesh files, as they are looked for in folders.
+const ENDINGS: [&str; 5] = ["ply", "stl", "obj", "glb", "gltf"];
+/// Bytes of a list at most.
+const MOST_LIST_BYTES: u64 = 64 << 20;
+/// Folders in folders that are looked into.
+const MOST_DEPTH: usize = 8;
+
+/// Paths that were typed for one mesh. As a `Path` it is what people are shown.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InputPaths {
+    given: Vec<PathBuf>,
+    shown: PathBuf,
+}
+
+impl InputPaths {
+    /// Several paths; at least one.
+    pub fn new(given: Vec<PathBuf>) -> InputPaths {
+        let shown = match given.as_slice() {
+            [] => PathBuf::new(),
+            [one] => one.clone(),
+            [first, rest @ ..] => {
+                let mut shown = first.clone().into_os_string();
+                let others = if rest.len() == 1 { "other" } else { "others" };
+                shown.push(format!(" and {} {others}", rest.len()));
+                shown.into()
+            }
+        };
+        InputPaths { given, shown }
+    }
+
+    /// The paths as they were typed.
+    pub fn given(&self) -> &[PathBuf] {
+        &self.given
+    }
+
+    /// The folders among them.
+    pub fn folders(&self) -> impl Iterator<Item = &PathBuf> {
+        self.given.iter().filter(|path| path.is_dir())
+    }
+
+    /// The same paths as typed in another folder; standard input stays what it is.
+    pub fn typed_in(&self, folder: &Path) -> InputPaths {
+        let place = |path: &PathBuf| match list_of(path) {
+            _ if path == Path::new("-") => path.clone(),
+            Some(list) => {
+                let mut place = std::ffi::OsString::from("@");
+                place.push(folder.join(&*list));
+                place.into()
+            }
+            None => folder.join(path),
+        };
+        InputPaths::new(self.given.iter().map(place).collect())
+    }
+
+    /// Returns whether this is one mesh file, or standard input.
+    pub fn is_one(&self) -> bool {
+        let is_one = |path: &PathBuf| list_of(path).is_none() && !path.is_dir() && !is_tree(path);
+        self.given.len() < 2 && self.given.iter().all(is_one)
+    }
+
+    /// The parts, each once. Errors: folders and lists that cannot be read or hold no mesh, or meshes of several formats.
+    pub fn set(&self) -> Result<InputSet> {
+        let mut set = InputSet::default();
+        for path in &self.given {
+            if path == Path::new("-") && self.given.len() > 1 {
+                let what = "'-' among several inputs: standard input is one mesh by itself";
+                return Err(Error::Usage(what.to_owned()));
+            }
+            add(path, &mut set)?;
+        }
+        let mut keyed: Vec<(PathBuf, MeshPart)> =
+            set.parts.into_iter().map(|part| (full(&part.path), part)).collect();
+        keyed.sort_by(|(a, p), (b, q)| {
+            let start = |part: &MeshPart| part.bytes.as_ref().map_or(0, |bytes| bytes.start);
+            let places = || p.placing.setting().cmp(&q.placing.setting());
+            by_name(a, b).then_with(|| start(p).cmp(&start(q))).then_with(places)
+        });
+        let mut parts: Vec<(PathBuf, MeshPart)> = Vec::with_capacity(keyed.len());
+        for (path, part) in keyed {
+            let same = |(other, known): &(PathBuf, MeshPart)| {
+                let is_same = (&known.placing, &known.bytes) == (&part.placing, &part.bytes);
+                *other == path && is_same
+            };
+            match parts.last().is_some_and(same) {
+                true => set.repeated.push(part.path),
+                false => parts.push((path, part)),
+            }
+        }
+        set.parts = parts.into_iter().map(|(_, part)| part).collect();
+        Ok(set)
+    }
+
+    /// All files that are read, each once.
+    pub fn files(&self) -> Result<Vec<PathBuf>> {
+        if self.is_one() {
+            return Ok(self.given.clone());
+        }
+        let set = self.set()?;
+        let mut seen = HashSet::new();
+        let parts = set.parts.into_iter().map(|part| part.path);
+        Ok(parts.chain(set.found_in).filter(|path| seen.insert(path.clone())).collect())
+    }
+}
+
+/// The file of a list `@list.txt`.
+fn list_of(path: &Path) -> Option<Cow<'_, Path>> {
+    let name = path.to_str()?.strip_prefix('@').filter(|name| !name.is_empty())?;
+    (!path.exists()).then_some(Cow::Borrowed(Path::new(name)))
+}
+
+/// Returns whether a file describes a tree of tiles, by its name.
+fn is_tree(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name == "tileset.json")
+}
+
+/// The full path where links are followed; as typed where nothing is there.
+fn full(path: &Path) -> PathBuf {
+    std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
+}
+
+/// Adds what a path names.
+fn add(path: &Path, set: &mut InputSet) -> Result<()> {
+    if let Some(list) = list_of(path) {
+        let text = read_regular(&list, MOST_LIST_BYTES)
+            .map_err(|e| Error::reading(&*list, "cannot read", e))?;
+        let text = String::from_utf8(text)
+            .map_err(|_| Error::bad_input(&*list, "a list of files is text in UTF-8"))?;
+        let folder = list.parent().unwrap_or(Path::new(""));
+        let lines = text.lines().map(str::trim);
+        let before = set.parts.len();
+        for line in lines.filter(|line| !line.is_empty() && !line.starts_with('#')) {
+            let path = folder.join(line);
+            if list_of(Path::new(line)).is_some() {
+                return Err(Error::bad_input(&*list, format!("{line}: a list in a list")));
+            }
+            add(&path, set)?;
+        }
+        if set.parts.len() == before {
+            return Err(Error::bad_input(&*list, "this list names no file; give one path a line"));
+        }
+        set.found_in.push(list.into_owned());
+        return Ok(());
+    }
+    if path.is_dir() {
+        let tree = path.join("tileset.json");
+        return match tree.is_file() {
+            true => add(&tree, set),
+            false => add_folder(path, set),
+        };
+    }
+    if is_tree(path) {
+        let InputSet { parts, found_in, .. } = trees::parts_of(path)?;
+        set.parts.extend(parts);
+        set.found_in.extend(found_in);
+        return Ok(());
+    }
+    set.parts.push(MeshPart::of(path));
+    Ok(())
+}
+
+/// Adds all meshes of a folder; where it has none itself, those of the folders in it.
+fn add_folder(folder: &Path, set: &mut InputSet) -> Result<()> {
+    let mut by_format: BTreeMap<&str, Vec<PathBuf>> = BTreeMap::new();
+    look(folder, MOST_DEPTH, &mut by_format)?;
+    match by_format.len() {
+        0 => {
+            let what = "no mesh in this folder (looked for .ply, .stl, .obj, .glb and .gltf)";
+            Err(Error::bad_input(folder, what))
+        }
+        1 => {
+            set.parts.extend(by_format.into_values().flatten().map(MeshPart::of));
+            Ok(())
+        }
+        _ => {
+            let counts: Vec<String> = by_format
+                .iter()
+                .map(|(format, files)| format!("{} .{format}", files.len()))
+                .collect();
+            let (path, first) = (folder.display(), by_format.keys().next().copied().unwrap_or(""));
+            let what = format!(
+                "meshes of several formats in this folder ({}); name those of one, as in {path}/*.{first}",
+                counts.join(", ")
+            );
+            Err(Error::bad_input(folder, what))
+        }
+    }
+}
+
+fn look(
+    folder: &Path,
+    depth: usize,
+    by_format: &mut BTreeMap<&'static str, Vec<PathBuf>>,
+) -> Result<()> {
+    let fail = |e| Error::reading(folder, "cannot read the folder", e);
+    let mut folders = Vec::new();
+    let mut has_meshes = false;
+    for entry in std::fs::read_dir(folder).map_err(fail)? {
+        let entry = entry.map_err(fail)?;
+        let (path, name) = (entry.path(), entry.file_name().to_string_lossy().to_lowercase());
+        if name.starts_with('.') || name.ends_with(".stonecut-job") {
+            continue;
+        }
+        if path.is_dir() {
+            folders.push(path);
+        } else if let Some(format) = format_of(&name) {
+            has_meshes = true;
+            by_format.entry(format).or_default().push(path);
+        }
+    }
+    if !has_meshes && depth > 0 {
+        folders.iter().try_for_each(|inner| look(inner, depth - 1, by_format))?;
+    }
+    Ok(())
+}
+
+/// The format of a mesh file, by its name in small letters.
+fn format_of(name: &str) -> Option<&'static str> {
+    let name = name.strip_suffix(".gz").or(name.strip_suffix(".zst")).unwrap_or(name);
+    let (_, ending) = name.rsplit_once('.')?;
+    ENDINGS.into_iter().find(|known| *known == ending)
+}
+
+/// Orders names as people do: `tile_9` before `tile_10`.
+fn by_name(a: &Path, b: &Path) -> Ordering {
+    let (full_a, full_b) = (a.to_string_lossy(), b.to_string_lossy());
+    let (mut a, mut b) = (full_a.as_bytes(), full_b.as_bytes());
+    loop {
+        let digits = |text: &[u8]| text.iter().take_while(|c| c.is_ascii_digit()).count();
+        let (n, m) = (digits(a), digits(b));
+        if n > 0 && m > 0 {
+            let number = |text: &[u8]| -> Vec<u8> {
+                text.iter().copied().skip_while(|&c| c == b'0').collect()
+            };
+            let (x, y) = (number(&a[..n]), number(&b[..m]));
+            match x.len().cmp(&y.len()).then_with(|| x.cmp(&y)) {
+                Ordering::Equal => (a, b) = (&a[n..], &b[m..]),
+                other => return other,
+            }
+            continue;
+        }
+        match (a.first(), b.first()) {
+            (Some(x), Some(y)) if x == y => (a, b) = (&a[1..], &b[1..]),
+            (Some(x), Some(y)) => return x.cmp(y),
+            // Names that differ by zeros before a number only.
+            (None, None) => return full_a.cmp(&full_b),
+            (x, y) => return x.is_some().cmp(&y.is_some()),
+        }
+    }
+}
+
+impl Deref for InputPaths {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        &self.shown
+    }
+}
+
+impl From<Vec<PathBuf>> for InputPaths {
+    fn from(given: Vec<PathBuf>) -> InputPaths {
+        InputPaths::new(given)
+    }
+}
+
+impl From<PathBuf> for InputPaths {
+    fn from(path: PathBuf) -> InputPaths {
+        InputPaths::new(vec![path])
+    }
+}
+
+impl From<&InputPaths> for InputPaths {
+    fn from(paths: &InputPaths) -> InputPaths {
+        paths.clone()
+    }
+}
+
+impl<T: AsRef<std::ffi::OsStr> + ?Sized> From<&T> for InputPaths {
+    fn from(path: &T) -> InputPaths {
+        InputPaths::new(vec![PathBuf::from(path.as_ref())])
+    }
+}
+
+impl PartialEq<&Path> for InputPaths {
+    fn eq(&self, other: &&Path) -> bool {
+        self.given.len() == 1 && self.shown == **other
+    }
+}
+
+impl serde::Serialize for InputPaths {
+    fn serialize<S: serde::Serializer>(
+        &self,
+        serializer: S,
+    ) -> std::result::Result<S::Ok, S::Error> {
+        self.shown.serialize(serializer)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_order_is_that_of_names_with_their_numbers() {
+        let mut names = ["t/b_2", "t/b_10", "t/b_010", "t/a", "t/b_02", "t"].map(Path::new);
+        names.sort_by(|a, b| by_name(a, b));
+        let sorted = ["t", "t/a", "t/b_02", "t/b_2", "t/b_010", "t/b_10"].map(Path::new);
+        assert_eq!(names, sorted);
+    }
+
+    #[test]
+    fn folders_and_lists_name_parts_and_each_file_counts_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for name in ["b.obj", "a10.obj", "a9.obj", "a.mtl"] {
+            std::fs::write(at(name), "").unwrap();
+        }
+        std::fs::write(at("list.txt"), "b.obj\n# none\n\na9.obj\n").unwrap();
+        let mut list = std::ffi::OsString::from("@");
+        list.push(at("list.txt"));
+        let inputs = InputPaths::new(vec![at("b.obj"), folder.path().into(), list.into()]);
+        let set = inputs.set().unwrap();
+        let names: Vec<_> = set.parts.iter().map(|p| p.path.file_name().unwrap()).collect();
+        assert_eq!(names, ["a9.obj", "a10.obj", "b.obj"]);
+        assert_eq!((set.repeated.len(), set.found_in), (3, vec![at("list.txt")]));
+        assert!(inputs.display().to_string().ends_with("b.obj and 2 others"));
+        std::fs::write(at("c.ply"), "").unwrap();
+        let error = InputPaths::from(folder.path()).set().unwrap_err().to_string();
+        assert!(error.contains("3 .obj, 1 .ply"), "{error}");
+    }
+}
