@@ -4,11 +4,11 @@
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // A program may print.
 
-use stonecut::config::{Config, Target};
-use stonecut::pipeline::in_memory::{self, Input};
-use stonecut::system::progress::Progress;
+use stonecut::in_memory::{self, Input};
+use stonecut::{Config, Progress, Target};
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// Simplifies a sheet and prints what is left.
+pub fn main() -> Result<(), Box<dyn std::error::Error>> {
     // A hilly sheet of 2 * 300 * 300 triangles.
     let n = 301u32;
     let height = |x: f64, y: f64| (x * 0.05).sin() * (y * 0.03).cos() * 8.0;

@@ -4,38 +4,39 @@
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // A program may print.
 
-use std::time::Duration;
-use stonecut::config::{Config, Target};
-use stonecut::pipeline;
-use stonecut::system::progress::Progress;
+use stonecut::Simplify;
 use stonecut::system::units::parse_ratio;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [input, output, share] = arguments.as_slice() else {
-        return Err("give an input, an output and a share: scan.ply small.ply 1%".into());
+fn main() {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let [input, output, share] = words.as_slice() else {
+        eprintln!("give an input, an output and a share: scan.ply small.ply 1%");
+        std::process::exit(2);
     };
-    // Everything else has the defaults of the command; set what should differ.
-    let mut config = Config::new(input, output, Target::Ratio(parse_ratio(share)?));
-    config.job.force = true;
+    std::process::exit(simplify(input, output, share));
+}
 
-    // Reads the header, counts, and plans; nothing has been written yet.
-    let prepared = pipeline::prepare(&config)?;
-
-    // Stages only count. A thread looks at the counters as often as it likes.
-    let progress = Progress::default();
-    let report = std::thread::scope(|scope| {
-        let run = scope.spawn(|| pipeline::simplify(prepared, &progress));
-        while !run.is_finished() {
-            let (stage, done) = progress.read();
-            eprint!("\r{} {} of {} triangles   ", stage.name, done, stage.total);
-            std::thread::sleep(Duration::from_millis(100));
+/// Gives the exit code that the command would have.
+pub fn simplify(input: &str, output: &str, share: &str) -> i32 {
+    let Ok(ratio) = parse_ratio(share) else { return 2 };
+    let outcome = Simplify::new(input, output)
+        .ratio(ratio)
+        .force()
+        .on_progress(|p| {
+            eprint!("\r{} {:.0} %, {:.0} s left ", p.stage, 100.0 * p.fraction, p.seconds_left)
+        })
+        .run();
+    match outcome {
+        Ok(report) => {
+            println!("\n{} triangles in {}", report.output.triangles, report.output.path);
+            if report.is_short() { 3 } else { 0 }
         }
-        run.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-    })?;
-    if let Some(report) = report {
-        eprintln!();
-        println!("{} triangles in {}", report.output.triangles, report.output.path);
+        Err(error) => {
+            eprintln!("\n{error}");
+            if let Some(remedy) = error.remedy() {
+                eprintln!("{remedy}");
+            }
+            i32::from(error.exit_code())
+        }
     }
-    Ok(())
 }

@@ -373,3 +373,31 @@ fn prose_keeps_the_rules_that_can_be_counted() {
     faults.extend(pages.iter().flat_map(|page| prose::faults_of_page(page)));
     assert!(faults.is_empty(), "{} faults:\n{}", faults.len(), faults.join("\n"));
 }
+
+/// Names that the crate shows at its top: what is neither hidden nor private.
+#[test]
+fn the_crate_shows_few_names_at_its_top() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let file = syn::parse_file(&std::fs::read_to_string(root.join("src/lib.rs")).unwrap()).unwrap();
+    fn leaves(tree: &syn::UseTree) -> usize {
+        match tree {
+            syn::UseTree::Path(path) => leaves(&path.tree),
+            syn::UseTree::Group(group) => group.items.iter().map(leaves).sum(),
+            syn::UseTree::Glob(_) => usize::MAX / 2,
+            _ => 1,
+        }
+    }
+    let is_hidden = |attributes: &[syn::Attribute]| {
+        attributes.iter().any(|a| a.path().is_ident("doc") && matches!(a.meta, syn::Meta::List(_)))
+    };
+    let is_shown = |visibility: &syn::Visibility, attributes: &[syn::Attribute]| {
+        matches!(visibility, syn::Visibility::Public(_)) && !is_hidden(attributes)
+    };
+    let shown = |item: &syn::Item| match item {
+        syn::Item::Use(item) if is_shown(&item.vis, &item.attrs) => leaves(&item.tree),
+        syn::Item::Mod(item) => usize::from(is_shown(&item.vis, &item.attrs)),
+        _ => 0,
+    };
+    let n: usize = file.items.iter().map(shown).sum();
+    assert!((20..=40).contains(&n), "{n} names at the top of the crate");
+}

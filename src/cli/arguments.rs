@@ -28,7 +28,7 @@ pub(super) fn open_mesh(
 /// The threads to work with: as many as asked for, by default one a core.
 ///
 /// More than `MOST_THREADS_PER_CORE` a core would only take memory, each with its own buffers.
-pub(super) fn threads(given: Option<NonZeroUsize>) -> NonZeroUsize {
+pub(crate) fn threads(given: Option<NonZeroUsize>) -> NonZeroUsize {
     let cores = NonZeroUsize::new(crate::system::memory::cores()).unwrap_or(NonZeroUsize::MIN);
     let most = cores.saturating_mul(MOST_THREADS_PER_CORE);
     given.unwrap_or(cores).min(most)
@@ -94,7 +94,7 @@ pub(super) fn warn_of_limit(given: Option<u64>, log: &mut Log) {
 
 /// `OUTPUT.stonecut-job`. In a folder for the temporary data of several runs, outputs of one name are told
 /// apart by a checksum of their whole path.
-pub(super) fn job_folder(output: &Path, temp_dir: Option<&Path>) -> crate::Result<PathBuf> {
+pub(crate) fn job_folder(output: &Path, temp_dir: Option<&Path>) -> crate::Result<PathBuf> {
     let mut name = match output.file_name() {
         Some(name) => name.to_owned(),
         None => {

@@ -4,7 +4,7 @@
 //! that nothing has changed since. Without a report there is none, and the output is in the way.
 
 use super::log::EXIT_SHORT;
-use super::outcome::{close, is_short};
+use super::outcome::close;
 use crate::config::{Config, Method};
 use crate::error::Result;
 use crate::pipeline::methods::{self, PreparedMethod};
@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// A job that is prepared.
-pub(super) enum ReadyJob {
+pub(crate) enum ReadyJob {
     /// The collapse, by itself or within another run.
     Collapse(Box<Prepared>),
     /// Another method.
@@ -27,7 +27,7 @@ pub(super) enum ReadyJob {
 }
 
 /// Opens the input and plans the job.
-pub(super) fn prepare(config: &Config, progress: &Progress) -> Result<ReadyJob> {
+pub(crate) fn prepare(config: &Config, progress: &Progress) -> Result<ReadyJob> {
     match config.method {
         Method::Collapse => {
             pipeline::prepare(config).map(|ready| ReadyJob::Collapse(Box::new(ready)))
@@ -47,7 +47,7 @@ impl ReadyJob {
 }
 
 /// Runs a job that is prepared; `None` where `--until` ended it.
-pub(super) fn run_job(
+pub(crate) fn run_job(
     ready: ReadyJob,
     config: &Config,
     progress: &Progress,
@@ -76,8 +76,7 @@ pub(super) fn run_job(
     }?;
     if let Some(report) = &mut report {
         close(report, progress);
-        let is_short = is_short(report) || progress.losses().has_whole();
-        report.done = record(config, marks, if is_short { EXIT_SHORT } else { 0 });
+        report.done = record(config, marks, if report.is_short() { EXIT_SHORT } else { 0 });
     }
     Ok(report)
 }

@@ -1,7 +1,7 @@
 //! The command line: what was typed becomes a call into the library; the only place that prints.
 
 mod answer;
-mod arguments;
+pub(crate) mod arguments;
 pub mod call;
 mod compare;
 mod conflicts;
@@ -12,7 +12,7 @@ mod display;
 mod extract;
 mod faces;
 mod info;
-mod job;
+pub(crate) mod job;
 mod levels;
 mod log;
 mod measure;

@@ -15,17 +15,6 @@ use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
 use crate::system::units::{show_bytes, show_count, show_length, show_outward};
 
-/// Returns whether the result is not all that was asked for.
-pub(super) fn is_short(report: &RunReport) -> bool {
-    let unbearable = report.levels.iter().any(|level| !level.quality.bearable);
-    let lacks_images = report.textures.as_ref().is_some_and(|textures| textures.lacks_images);
-    !report.target_met
-        || !report.quality.bearable
-        || unbearable
-        || lacks_images
-        || report.input.lost_rows() > 0
-}
-
 /// Enters what faces have lost in the ledger, and the ledger in the report.
 pub(super) fn close(report: &mut RunReport, progress: &Progress) {
     for property in &report.face_properties {

@@ -9,7 +9,7 @@ use super::levels::TypedTarget;
 use super::method::{MethodName, TypedMethod};
 use super::near::TypedNear;
 use super::new_texture::TypedPages;
-use super::outcome::{is_short, tell, write_early, write_report};
+use super::outcome::{tell, write_early, write_report};
 use super::placing::TypedPlacing;
 use super::progressive::TypedProgressive;
 use super::session::{Command, Session};
@@ -424,7 +424,7 @@ impl Command for Args {
         if let Some(to) = &report_to {
             write_report(to, &report)?;
         }
-        CommandEnd::of(&report.written(), is_short(&report))
+        CommandEnd::of(&report.written(), report.is_short())
     }
 }
 

@@ -116,8 +116,6 @@ enum TypedLook {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Geo([f64; 3]);
 
-const IDENTITY: [f64; 16] = [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.];
-
 fn parse_tile(text: &str) -> std::result::Result<u64, String> {
     match parse_count(text)? {
         n @ 500..=1_000_000 => Ok(n),
@@ -179,17 +177,16 @@ fn east_north_up(Geo([latitude, longitude, height]): Geo) -> [f64; 16] {
 impl Args {
     /// Turns the options that were typed into decided settings.
     fn config(&self) -> Result<TilesConfig> {
+        let default = TilesConfig::new(&self.input, &self.output);
         let transform = match (self.geo, self.transform) {
             (Some(geo), _) => east_north_up(geo),
             (None, Some(TypedTransform(matrix))) => matrix,
-            (None, None) => IDENTITY,
+            (None, None) => default.transform,
         };
         let mut placing = Placing::default();
         self.moves.append(&mut placing, None)?;
         placing.turns_up = self.up != Some(Up::Z);
         Ok(TilesConfig {
-            input: self.input.clone(),
-            output: self.output.clone(),
             tile_triangles: self.tile_triangles,
             finest: self.finest.unwrap_or_default(),
             texture: match self.texture {
@@ -211,7 +208,7 @@ impl Args {
             restart: self.restart,
             skip_bad: self.skip_bad,
             weld: self.weld,
-            checkpoint_every: crate::config::CHECKPOINT_EVERY,
+            ..default
         })
     }
 }

@@ -219,6 +219,30 @@ impl Error {
         }
     }
 
+    /// A stable name for the class, for programs: `no_space`, `bad_input`, ...
+    pub fn code(&self) -> &'static str {
+        match self {
+            Error::Io { .. } => "io",
+            Error::BadInput { .. } => "bad_input",
+            Error::Usage(_) => "usage",
+            Error::Empty { .. } => "empty",
+            Error::NoSpace { .. } => "no_space",
+            Error::Device { .. } => "device",
+            Error::OutputClosed => "output_closed",
+            Error::NoMemory(_) => "no_memory",
+            Error::Locked { .. } => "locked",
+            Error::StateMismatch { .. } => "state_mismatch",
+            Error::Corrupt { .. } => "corrupt",
+            Error::Internal(_) => "internal",
+            Error::Interrupted { .. } => "interrupted",
+        }
+    }
+
+    /// Advice for a program that can start the same run again; `None` where the message says it all.
+    pub fn remedy(&self) -> Option<String> {
+        self.advice(Offers { resumes: true, temp_dir: false })
+    }
+
     /// The size in bytes that a refusal for want of memory names.
     fn named_memory(&self) -> Option<u64> {
         let Error::NoMemory(what) = self else { return None };

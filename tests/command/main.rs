@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod builders;
 mod command_line;
 mod empty;
 mod pages;

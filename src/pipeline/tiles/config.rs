@@ -1,8 +1,10 @@
 //! Decided settings of a run of `tiles`: every value final.
 
+use crate::config::CHECKPOINT_EVERY;
 use crate::io::ply::ReadOptions;
 use crate::io::{NameUse, Weld};
 use crate::mesh::placing::Placing;
+use crate::system::memory;
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -83,6 +85,37 @@ pub struct TilesConfig {
 }
 
 impl TilesConfig {
+    /// Settings of a run with the defaults of the command: all cores, the default budget, the job folder beside `output`.
+    pub fn new(input: impl Into<PathBuf>, output: impl Into<PathBuf>) -> TilesConfig {
+        let output = output.into();
+        let mut job_folder = output.clone().into_os_string();
+        job_folder.push(".stonecut-job");
+        let mut placing = Placing::default();
+        placing.turns_up = true;
+        TilesConfig {
+            input: input.into(),
+            output,
+            tile_triangles: TILE_TRIANGLES,
+            finest: Finest::default(),
+            texture: TileTexture::default(),
+            pixels: 1.0,
+            packs: true,
+            is_z_up: true,
+            transform: [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.],
+            viewer: false,
+            memory_bytes: memory::budget_bytes(None, memory::limit_bytes()),
+            threads: NonZeroUsize::new(memory::cores()).unwrap_or(NonZeroUsize::MIN),
+            job_folder: job_folder.into(),
+            keep_temp: false,
+            force: false,
+            restart: false,
+            skip_bad: false,
+            placing,
+            weld: Weld::Auto,
+            checkpoint_every: CHECKPOINT_EVERY,
+        }
+    }
+
     /// Settings for reading the input.
     pub fn read_options(&self) -> ReadOptions {
         ReadOptions {
