@@ -4,11 +4,11 @@ use super::answer::CommandEnd;
 use super::log::Said;
 use super::session::{Command, Session};
 use crate::error::Result;
-use crate::io::OutputFormat;
-use crate::synth::{self, Kind, Settings, Writing};
+use crate::io::{OutputFormat, OutputKind};
+use crate::synth::{self, Cut, Kind, Rounding, Settings, Writing};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
-use crate::system::units::{parse_count, show_bytes, show_count};
+use crate::system::units::{parse_count, parse_ratio, show_bytes, show_count};
 use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -18,7 +18,7 @@ use std::path::PathBuf;
 pub struct Args {
     /// Kind of mesh: terrain, statue, gyroid, scans, volume or rooms.
     pub kind: Kind,
-    /// The file to write.
+    /// The file to write; with --tiles, a folder that is not there yet.
     pub output: PathBuf,
     /// Least number of triangles: 20000, 500k, 4M, 1.5G.
     #[arg(long, value_name = "N", value_parser = parse_count)]
@@ -50,6 +50,20 @@ pub struct Args {
     /// carry no textures and get none.
     #[arg(long, value_name = "N", value_parser = parse_count)]
     pub pages: Option<u64>,
+    /// Cut the scan into about N files of equal size in the folder OUTPUT, each with its own copies of vertices on borders, as
+    /// photogrammetry programs write them; --format says of which kind [default: ply].
+    #[arg(long, value_name = "N", value_parser = parse_count)]
+    pub tiles: Option<u64>,
+    /// Round the coordinates of tiles to this many digits after the point, or to a step (0.005), each tile counting from another
+    /// place.
+    #[arg(long, value_name = "DIGITS|STEP", requires = "tiles")]
+    pub round: Option<Rounding>,
+    /// Split edges on borders in one of the two tiles.
+    #[arg(long, requires = "tiles")]
+    pub t_junctions: bool,
+    /// Let tiles reach into their neighbours by a share of their sides: 2%.
+    #[arg(long, value_name = "M", value_parser = parse_ratio, requires = "tiles")]
+    pub overlap: Option<f64>,
     /// Words joined by commas: ascii, binary_little_endian or binary_big_endian; float or double; int or
     /// uint; ply, stl, obj or glb [default: by OUTPUT's name, binary].
     #[arg(long, value_name = "FORMAT", default_value = "")]
@@ -64,11 +78,18 @@ pub struct Args {
 
 impl Command for Args {
     fn paths(&self) -> Result<Paths> {
+        if self.tiles.is_some() {
+            tile_format(self.format).check(&self.output)?;
+            return Ok(Paths::new(self.force).with(Role::OutputFolder, "OUTPUT", &self.output));
+        }
         self.format.check(&self.output)?;
         Ok(Paths::new(self.force).with(Role::Output, "OUTPUT", &self.output))
     }
 
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        if let Some(n_tiles) = self.tiles {
+            return make_tiles(self, n_tiles, session);
+        }
         let made = make(self, session.progress)?;
         say(self, &made, &mut Said(session.log));
         CommandEnd::whole(&serde_json::json!({
@@ -101,8 +122,54 @@ fn say(args: &Args, counts: &synth::Counts, log: &mut Said) {
     );
 }
 
+/// The format of tiles, whose folder has a name without an ending.
+fn tile_format(format: OutputFormat) -> OutputFormat {
+    OutputFormat { kind: format.kind.or(Some(OutputKind::Ply)), ..format }
+}
+
+fn make_tiles(args: &Args, n_tiles: u64, session: &mut Session) -> Result<CommandEnd> {
+    let cut = Cut {
+        n_tiles,
+        rounding: args.round,
+        t_junctions: args.t_junctions,
+        overlap: args.overlap.unwrap_or(0.0),
+    };
+    let writing = Writing { format: tile_format(args.format), ..writing(args) };
+    let made = synth::write_tiles(&args.output, &settings(args), &cut, writing, session.progress)?;
+    let mut more = String::new();
+    if made.n_images > 0 {
+        more = format!(", {} images", made.n_images);
+    }
+    if made.n_split > 0 {
+        more += &format!(", {} edges split in one of two tiles", made.n_split);
+    }
+    session.log.say(format!(
+        "{}: {} tiles with {} triangles ({}), {} vertices{more}",
+        args.output.display(),
+        made.n_tiles,
+        made.n_triangles,
+        show_count(made.n_triangles),
+        made.n_vertices,
+    ));
+    CommandEnd::whole(&serde_json::json!({
+        "output": {
+            "path": args.output, "vertices": made.n_vertices, "triangles": made.n_triangles,
+            "images": made.n_images, "tiles": made.n_tiles, "split_edges": made.n_split,
+        },
+    }))
+}
+
 fn make(args: &Args, progress: &Progress) -> Result<synth::Counts> {
-    let settings = Settings {
+    synth::write_ply(&args.output, &settings(args), writing(args), progress)
+}
+
+fn writing(args: &Args) -> Writing {
+    let threads = super::arguments::threads(args.threads).get();
+    Writing { threads, force: args.force, format: args.format }
+}
+
+fn settings(args: &Args) -> Settings {
+    Settings {
         kind: args.kind,
         n_triangles: args.triangles,
         seed: args.seed,
@@ -113,8 +180,5 @@ fn make(args: &Args, progress: &Progress) -> Result<synth::Counts> {
         integer: args.integer,
         sea: args.sea,
         pages: args.pages,
-    };
-    let threads = super::arguments::threads(args.threads).get();
-    let writing = Writing { threads, force: args.force, format: args.format };
-    synth::write_ply(&args.output, &settings, writing, progress)
+    }
 }

@@ -15,6 +15,7 @@ mod sliced;
 mod statue;
 mod surface;
 mod terrain;
+mod tiles;
 mod volume;
 mod write;
 mod write_shuffled;
@@ -23,11 +24,12 @@ use rooms::Rooms;
 use sliced::Counted;
 use std::path::Path;
 use stonecut_io::ply::{OutputHeader, Place};
-use stonecut_io::{MeshSink, OutputFormat};
+use stonecut_io::{MeshSink, OutputFormat, OutputKind};
 use stonecut_mesh::Mesh;
 use stonecut_system::error::{Error, Result};
 use stonecut_system::progress::Progress;
 use surface::{InOrder, Indexed, Order, Shuffled, Surface};
+pub use tiles::{Cut, Rounding, TileCounts};
 use volume::{Scanner, Volume};
 use write::{FileProperties, Stream};
 use write_shuffled::write_shuffled;
@@ -184,18 +186,7 @@ fn write_surface(
         Counts { n_vertices: surface.n_vertices(), n_triangles: surface.n_faces(), n_images: 0 };
     progress.begin("synth", 1, 1, counts.n_triangles);
     let layout = FileProperties { uv: settings.uv && rooms.is_none(), ..layout(settings) };
-    let mut header = OutputHeader::new(layout.schema(), counts.n_vertices, counts.n_triangles);
-    header.settings = format!(
-        "synth {} --triangles {} --seed {}{}{}{}{}{}",
-        settings.kind.name(),
-        settings.n_triangles,
-        settings.seed,
-        if settings.shuffle { " --shuffle" } else { "" },
-        if settings.noise == 1.0 { String::new() } else { format!(" --noise {}", settings.noise) },
-        if settings.integer { " --integer" } else { "" },
-        if settings.sea { " --sea" } else { "" },
-        settings.pages.map_or_else(String::new, |pages| format!(" --pages {pages}")),
-    );
+    let header = header(settings, layout, surface);
     let stream = Stream { surface, layout, threads: writing.threads, progress };
     if let Some(rooms) = rooms {
         let shuffle = settings.shuffle.then_some(settings.seed);
@@ -213,6 +204,72 @@ fn write_surface(
     }
     file.finish()?;
     Ok(counts)
+}
+
+/// The header of a mesh that is written as one file.
+fn header(settings: &Settings, layout: FileProperties, surface: &dyn Surface) -> OutputHeader {
+    let (n_vertices, n_faces) = (surface.n_vertices(), surface.n_faces());
+    let mut header = OutputHeader::new(layout.schema(), n_vertices, n_faces);
+    header.settings = format!(
+        "synth {} --triangles {} --seed {}{}{}{}{}{}",
+        settings.kind.name(),
+        settings.n_triangles,
+        settings.seed,
+        if settings.shuffle { " --shuffle" } else { "" },
+        if settings.noise == 1.0 { String::new() } else { format!(" --noise {}", settings.noise) },
+        if settings.integer { " --integer" } else { "" },
+        if settings.sea { " --sea" } else { "" },
+        settings.pages.map_or_else(String::new, |pages| format!(" --pages {pages}")),
+    );
+    header
+}
+
+/// Writes a synthetic mesh in many files into a folder that is not there yet, or is empty; of a kind that
+/// `writing.format` names, PLY without.
+///
+/// The bytes depend on `settings`, `cut` and the format alone. Memory: some 100 MB, and a tile of at most 4 M triangles on
+/// average. Textured `rooms` keep their images, each tile naming those that it uses.
+/// Errors: something in the way, settings that exclude each other, whatever the system refuses.
+pub fn write_tiles(
+    folder: &Path,
+    settings: &Settings,
+    cut: &Cut,
+    writing: Writing,
+    progress: &Progress,
+) -> Result<TileCounts> {
+    check(settings)?;
+    check_cut(settings, cut)?;
+    let kind = writing.format.kind.unwrap_or(OutputKind::Ply);
+    let format = OutputFormat { kind: Some(kind), ..writing.format };
+    let is_textured = matches!(kind, OutputKind::Ply | OutputKind::Obj);
+    let cut_one = |surface: &dyn Surface, rooms: Option<&Counted<Rooms>>| {
+        progress.begin("synth", 1, 1, surface.n_faces());
+        let layout = FileProperties { uv: settings.uv && rooms.is_none(), ..layout(settings) };
+        let header = header(settings, layout, surface);
+        let stream = Stream { surface, layout, threads: writing.threads, progress };
+        tiles::write(folder, &tiles::Whole { stream, rooms, header }, cut, format)
+    };
+    if settings.kind == Kind::Rooms && is_textured {
+        let rooms = counted_rooms(settings, writing.threads, progress)?;
+        return cut_one(&rooms, Some(&rooms));
+    }
+    cut_one(&*surface(settings, writing.threads, progress)?, None)
+}
+
+fn check_cut(settings: &Settings, cut: &Cut) -> Result<()> {
+    if !(1..=tiles::MOST_TILES).contains(&cut.n_tiles) {
+        let (asked, most) = (cut.n_tiles, tiles::MOST_TILES);
+        return Err(Error::Usage(format!("--tiles {asked}: a number from 1 to {most}")));
+    }
+    if settings.shuffle {
+        return Err(Error::Usage("--shuffle: not with --tiles, which sorts by place".to_owned()));
+    }
+    if cut.t_junctions && cut.overlap > 0.0 {
+        return Err(Error::Usage(
+            "--t-junctions and --overlap: tiles that overlap have no common border; give one of them".to_owned(),
+        ));
+    }
+    Ok(())
 }
 
 /// The same mesh in memory, for tests and small demonstrations; colours are three channels in [0, 255],

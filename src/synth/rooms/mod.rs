@@ -17,7 +17,7 @@ use super::sliced::{BlockCounts, Sliced};
 use super::surface::Vertex;
 use atlas::{Atlas, CHART, Chart, REACH, STRAY};
 use house::{House, Panel};
-pub(super) use write::{file_names, write};
+pub(super) use write::{faces, file_names, paint, texture, write};
 
 /// A house and its atlas.
 pub(super) struct Rooms {

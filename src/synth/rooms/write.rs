@@ -11,7 +11,7 @@ use crate::write_shuffled::{scratch_folder, shuffle_vertices};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use stonecut_io::materials::{Materials, TexturePlan};
-use stonecut_io::ply::{OutputHeader, Place, TexturedTriangle};
+use stonecut_io::ply::{FaceSchema, OutputHeader, Place, TexturedTriangle};
 use stonecut_io::{MeshSink, OutputFormat, OutputKind};
 use stonecut_mesh::property::{Property, Scalar};
 use stonecut_system::error::{Error, Result};
@@ -102,39 +102,54 @@ pub(in super::super) fn write(
     if images.is_empty() {
         return Err(Error::Internal("rooms without images are written like any kind".to_owned()));
     }
-    header.faces.texture = true;
-    header.faces.properties = vec![Property::new("texnumber", Scalar::I32)];
-    header.textures = Some(TexturePlan::given(materials(&images), library.as_ref().map(beside)));
+    let pages: Vec<(u64, &str)> = (0..).zip(images.iter().map(String::as_str)).collect();
+    let (properties, plan) = texture(&pages, library.as_ref().map(beside));
+    header.faces = FaceSchema { texture: true, properties };
+    header.textures = Some(plan);
     let mut made = Made { files: Vec::new(), keep: false };
-    let place = |file: &Path| Place { replace: force, ..Place::from(file) };
-    let paint = |page: u64, png: &mut Vec<u8>| {
-        *png = rooms.image(page).to_png()?;
-        Ok(())
-    };
-    in_order(images.len() as u64, stream.threads, stream.progress, paint, |page, png| {
-        let file = &files[page as usize];
-        write_whole(place(file), png)?;
-        made.files.push(file.clone());
-        Ok(())
-    })?;
-    let mut file = MeshSink::create(place(path), header, format)?;
+    paint(rooms, &files[..images.len()], stream, force, &mut made.files)?;
+    let place = Place { replace: force, ..Place::from(path) };
+    let mut file = MeshSink::create(place, header, format)?;
     write_mesh(&mut file, path, surface, stream, shuffle)?;
     file.finish()?;
     made.keep = true;
     Ok(images.len() as u64)
 }
 
-/// A white material for each image.
-fn materials(images: &[String]) -> Materials {
+/// Paints all images, and notes which are written.
+pub(in super::super) fn paint(
+    rooms: &Rooms,
+    files: &[PathBuf],
+    stream: &Stream,
+    force: bool,
+    written: &mut Vec<PathBuf>,
+) -> Result<()> {
+    let paint = |page: u64, png: &mut Vec<u8>| {
+        *png = rooms.image(page).to_png()?;
+        Ok(())
+    };
+    in_order(files.len() as u64, stream.threads, stream.progress, paint, |page, png| {
+        let file = &files[page as usize];
+        write_whole(Place { replace: force, ..Place::from(file.as_path()) }, png)?;
+        written.push(file.clone());
+        Ok(())
+    })
+}
+
+/// Properties of faces and a white material for each image, which has a number and a name.
+pub(in super::super) fn texture(
+    pages: &[(u64, &str)],
+    library: Option<PathBuf>,
+) -> (Vec<Property>, TexturePlan) {
     let files: Vec<(String, PathBuf)> =
-        images.iter().map(|name| (name.clone(), PathBuf::from(name))).collect();
-    let names: Vec<String> = (0..images.len()).map(|page| format!("page_{page:03}")).collect();
+        pages.iter().map(|(_, name)| ((*name).to_owned(), PathBuf::from(name))).collect();
+    let names: Vec<String> = pages.iter().map(|(page, _)| format!("page_{page:03}")).collect();
     let mut materials = Materials::of_files(&files, &names);
     for material in &mut materials.list {
         (material.ambient, material.specular) = (Some([0.0; 3]), Some([0.0; 3]));
         material.mtl_lines.push("illum 1".to_owned());
     }
-    materials
+    (vec![Property::new("texnumber", Scalar::I32)], TexturePlan::given(materials, library))
 }
 
 /// Files beside the output; removed unless the output is complete.
@@ -178,8 +193,8 @@ fn write_mesh(
     shuffler.drain(|encoded| put(file, encoded))
 }
 
-/// Hands on all faces, `FACE_BYTES` each.
-fn faces(
+/// Hands on all faces, `FACE_BYTES` each: corners, texture coordinates, number of the image.
+pub(in super::super) fn faces(
     surface: &Counted<Rooms>,
     stream: &Stream,
     order: Option<&Order>,

@@ -707,6 +707,10 @@ def synth(
     integer: bool = False,
     sea: bool = False,
     pages: int | None = None,
+    tiles: int | None = None,
+    round: int | float | None = None,
+    t_junctions: bool = False,
+    overlap: float | str | None = None,
     format: str | None = None,
     force: bool = False,
     threads: int | None = None,
@@ -719,6 +723,8 @@ def synth(
         shuffle: vertices, faces and corners in random order. color, uv: with vertex colours, texture coordinates.
         sea: of the terrain, water at height 0. noise, integer: of the volume, a factor of the scanner's noise, and whole
             values, which meet the level exactly. pages: of the rooms, the largest number of images.
+        tiles: cut into about as many files in the folder ``output``. round: digits after the point of their coordinates, or a
+            step. t_junctions: edges of borders split in one of two tiles. overlap: share of a side by which tiles overlap.
 
     Returns the path and the counts of what was written (``output``)."""
     words = ["synth", kind, path("output", output)]
@@ -732,6 +738,10 @@ def synth(
         integer=integer,
         sea=sea,
         pages=pages,
+        tiles=tiles,
+        round=round,
+        t_junctions=t_junctions,
+        overlap=overlap,
         format=format,
         force=force,
         threads=threads,
