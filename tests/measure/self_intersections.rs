@@ -415,3 +415,19 @@ fn the_command_counts_only_when_asked_to() {
     assert!(table.contains(&line), "{table}");
     expect(at, "info in.ply --self-intersections", 2);
 }
+
+/// Small nasty meshes whose triangles must not meet more often than before.
+#[test]
+fn the_kernel_lets_no_more_pairs_meet() {
+    use crate::nasty::{case::Case, choices::Choices, judge::Depth, verdict};
+    let mut n = 0;
+    for seed in 0..1500 {
+        let case = Case::new(&mut Choices::from_seed(seed));
+        if case.options.no_self_intersections {
+            n += 1;
+            let outcome = verdict(&case, Depth::OneRun);
+            assert!(outcome.is_ok(), "seed {seed}: {:?}", outcome.err());
+        }
+    }
+    assert!(n > 100, "{n} cases");
+}

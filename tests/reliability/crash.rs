@@ -4,6 +4,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
+use crate::common::one_in;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use stonecut::Result;
@@ -76,9 +77,13 @@ type Job = (u32, &'static [u64]);
 const JOBS: [Job; 4] =
     [(6000, &[400]), (8500, &[4400]), (3000, &[300]), (8500, &[4400, 1000, 600])];
 
-/// Every operation is tried, but of the chain's every third: it has most of them.
-fn step((_, targets): Job) -> usize {
-    if targets.len() > 1 { 3 } else { 1 }
+/// Every operation is tried, but of the chain every seventh and of two rounds every third: they have most of them.
+fn step((triangles, targets): Job) -> usize {
+    one_in(match (triangles, targets) {
+        (_, [_, _, ..]) => 7,
+        (8500, _) => 3,
+        _ => 1,
+    })
 }
 
 /// Three blocks of vertices and three of faces, most of them unused or degenerate; a checkpoint after each.
@@ -250,7 +255,7 @@ fn a_death_in_a_bounded_round_costs_nothing() {
 /// checkpoints give the same bytes.
 #[test]
 fn a_death_between_checkpoints_costs_nothing() {
-    for (job, step) in [(JOBS[1], 3), (LONG_JOB, 5)] {
+    for (job, step) in [(JOBS[1], one_in(7)), (LONG_JOB, one_in(7))] {
         let without = bench(job);
         let bench = bench_with(job, Duration::ZERO);
         assert!(bench.reference == without.reference, "checkpoints change the result");

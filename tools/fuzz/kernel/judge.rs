@@ -3,10 +3,9 @@
 use super::Fault;
 use super::case::Case;
 use super::census::{Census, places};
+use crate::crossing_pairs;
 use stonecut::kernel::{self, MAX_SPECK, Placement, Simplified, Stop, Topology};
-use stonecut::measure::intersections::in_memory;
 use stonecut::mesh::Mesh;
-use stonecut::system::progress::Progress;
 
 /// How much is asked.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -162,12 +161,8 @@ fn crossings(case: &Case, result: &Simplified) -> Result<(), Fault> {
     if !case.options.no_self_intersections || case.options.merge_distance != 0.0 {
         return Ok(());
     }
-    let pairs = |mesh: &Mesh| match in_memory(mesh, 1, &Progress::default()) {
-        Ok(found) => found.self_intersections,
-        Err(_) => 0,
-    };
     // The two caps of a cut lie on each other until collapses take them apart.
-    let (before, after) = (pairs(&case.mesh), pairs(&result.mesh));
+    let (before, after) = (crossing_pairs(&case.mesh), crossing_pairs(&result.mesh));
     if after > before + change(result, "handles_cut") {
         return fault("no more pairs meet", format!("{before} became {after}"));
     }

@@ -1,9 +1,10 @@
 //! Small nasty meshes for the kernel: made from a seed or from bytes, simplified, judged, shrunk.
 //!
-//! Used by `tests/kernel/property.rs` (seconds), by the target `kernel` of cargo-fuzz, and by the program
+//! Used by `tests/kernel/property.rs` and `tests/measure` (seconds), by the target `kernel` of cargo-fuzz, and by the program
 //! `soak` of this folder, which judges millions. A mesh is put together from blocks (`blocks`), spoilt
 //! (`spoil`) and given channels, locks and options (`case`). `judge` holds the result against what
 //! `simplify_mesh` promises; `shrink` looks for the smallest mesh that still breaks the same promise.
+//! The program gives `crossing_pairs`, which counts pairs of triangles that meet where they should not.
 
 #![allow(dead_code)]
 

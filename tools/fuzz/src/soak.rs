@@ -18,6 +18,12 @@ const BATCH: u64 = 1000;
 /// One mesh in so many is run again in other ways.
 const DEEP: u64 = 8;
 
+/// Pairs of triangles that meet where they should not.
+fn crossing_pairs(mesh: &stonecut::Mesh) -> u64 {
+    let found = stonecut::measure::intersections::in_memory(mesh, 1, &Default::default());
+    found.map_or(0, |found| found.self_intersections)
+}
+
 fn main() {
     let numbers: Vec<u64> = std::env::args().skip(1).filter_map(|x| x.parse().ok()).collect();
     let [first, last, ref rest @ ..] = numbers[..] else {
