@@ -29,7 +29,7 @@ mod vertex_colours;
 use charts::Charts;
 use nearest::CellCache;
 pub use need::{BakeNeed, check, has_images, has_looks};
-use need::{CELL_SHARE, FRAME_BYTES, IMAGE_SHARE, LEAST_WORK_BYTES, POINT_SHARE, free_bytes};
+use need::{CELL_SHARE, FRAME_BYTES, IMAGE_SHARE, POINT_SHARE, free_bytes, least_work_bytes};
 use original::Original;
 pub use pages::Page;
 use pages::{Canvas, PageKind};
@@ -47,7 +47,9 @@ use stonecut_system::memory::BASE_BYTES;
 use stonecut_system::units::{memory_word, show_bytes};
 use texels::Canvases;
 pub use tiles::{Photographs, TilePainter, TilePicture, TilesNeed, check_tiles, least_for_tiles};
-pub use vertex_colours::{Coloured, colour_properties, colour_vertices, has_only_images};
+pub use vertex_colours::{
+    Coloured, colour_properties, colour_vertices, has_only_images, least_for_colours,
+};
 
 /// Finished pages, and the texture coordinates of the result's corners in a file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -91,7 +93,9 @@ pub fn bake(
     let taken = load::bytes_in_memory(shape)
         + Charts::bytes(n_triangles)
         + if options.normals { FRAME_BYTES * n_triangles } else { 0 };
-    let free_bytes = free_bytes(n_triangles, (taken, LEAST_WORK_BYTES), means.memory_bytes)?;
+    let palette = Palette::new(original.materials().map(|all| &**all), Purpose::Bake);
+    let least = least_work_bytes(&palette);
+    let free_bytes = free_bytes(n_triangles, (taken, least), means.memory_bytes)?;
     let loaded = load::load(shape, means.threads, progress)?;
     let mut mesh = loaded.mesh;
     let normals = match loaded.colours.and_then(|carried| carried.normal) {
@@ -107,11 +111,6 @@ pub fn bake(
     }
     // Cutting the original is an eighth of the work, about; what is left is told once there are charts.
     progress.count_from_zero(8 * original.n_triangles());
-    let palette = Palette::new(
-        original.materials().map(|all| &**all),
-        free_bytes / IMAGE_SHARE,
-        Purpose::Bake,
-    )?;
     let original =
         Original::cut(original, &palette, options, Means { memory_bytes: free_bytes, ..means })?;
     let free_bytes = free_bytes.saturating_sub(original.border_bytes());

@@ -21,7 +21,12 @@ pub(super) const POINT_SHARE: u64 = 10;
 pub(super) const FRAME_BYTES: u64 = 36;
 
 /// Memory without which nothing can be baked: a cell of the original, an image, points under way.
-pub(super) const LEAST_WORK_BYTES: u64 = 48 << 20;
+const LEAST_WORK_BYTES: u64 = 48 << 20;
+
+/// The same where images are larger.
+pub(super) fn least_work_bytes(palette: &Palette) -> u64 {
+    LEAST_WORK_BYTES.max(IMAGE_SHARE * palette.largest_bytes())
+}
 
 /// Bytes of a triangle of a result in memory, with half a vertex that carries colours.
 const SHAPE_BYTES: u64 = 36;
@@ -107,10 +112,9 @@ pub fn check(
         taken += (FRAME_BYTES + 6) * n_triangles;
         taken += border_bytes(original.n_triangles(), options.cell_triangles);
     }
-    let palette = Palette::new(original.materials().map(|all| &**all), u64::MAX, Purpose::Bake)?;
+    let palette = Palette::new(original.materials().map(|all| &**all), Purpose::Bake);
     let images = palette.decoded_bytes();
-    let largest = images.iter().copied().max().unwrap_or(0);
-    let least = LEAST_WORK_BYTES.max(IMAGE_SHARE * largest);
+    let least = least_work_bytes(&palette);
     let free = free_bytes(n_triangles, (taken, least), memory_bytes)?;
     let n_texels = texels(original, &palette, options)?;
     let n_in = original.n_triangles();
@@ -173,8 +177,8 @@ fn border_bytes(n_triangles: u64, cell_triangles: u64) -> u64 {
 
 /// True if the original has texture coordinates and an image that can be used.
 pub fn has_images(original: &MeshSource) -> bool {
-    let palette = Palette::new(original.materials().map(|all| &**all), u64::MAX, Purpose::Bake);
-    original.has_corner_texture() && palette.is_ok_and(|palette| palette.has_images())
+    let palette = Palette::new(original.materials().map(|all| &**all), Purpose::Bake);
+    original.has_corner_texture() && palette.has_images()
 }
 
 /// True if the original has anything that can be baked.

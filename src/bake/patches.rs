@@ -531,7 +531,7 @@ mod tests {
         };
         let options =
             Options { page_size: 512, most_pages: None, cell_triangles: 300, normals: true };
-        let palette = Palette::new(None, 1 << 20, Purpose::Bake).unwrap();
+        let palette = Palette::new(None, Purpose::Bake);
         let original = Original::cut(source, &palette, &options, means).unwrap();
         assert!(original.boxes.len() > 3, "{}", original.boxes.len());
         // Triangles of a few edges of the sheets and of a tenth of one, on both sides of both sheets.

@@ -5,7 +5,7 @@
 
 use super::charts::Charts;
 use super::nearest::CellCache;
-use super::need::{CELL_SHARE, IMAGE_SHARE, LEAST_WORK_BYTES, POINT_SHARE};
+use super::need::{CELL_SHARE, IMAGE_SHARE, POINT_SHARE, least_work_bytes};
 use super::original::{Original, staging_bytes};
 use super::pages::{Canvas, PageKind};
 use super::projected::{Projected, project};
@@ -86,10 +86,9 @@ impl TilePicture {
 }
 
 /// Memory without which tiles that are given together get no pages, beside `BASE_BYTES`; `n_triangles` is their number.
-pub fn least_for_tiles(source: &MeshSource, n_triangles: u64) -> Result<u64> {
-    let images = Palette::new(source.materials().map(|all| &**all), u64::MAX, Purpose::Bake)?;
-    let largest = images.decoded_bytes().into_iter().max().unwrap_or(0);
-    Ok(TILE_BYTES * n_triangles + LEAST_WORK_BYTES.max(IMAGE_SHARE * largest))
+pub fn least_for_tiles(source: &MeshSource, n_triangles: u64) -> u64 {
+    let images = Palette::new(source.materials().map(|all| &**all), Purpose::Bake);
+    TILE_BYTES * n_triangles + least_work_bytes(&images)
 }
 
 /// Fails where pages of tiles would fail for want of memory; `n_triangles` is the number of triangles of the tiles that are
@@ -99,8 +98,8 @@ pub fn check_tiles(
     n_triangles: u64,
     (memory_bytes, staged_bytes): (u64, u64),
 ) -> Result<TilesNeed> {
-    let free = free_bytes(n_triangles, memory_bytes)?;
-    let images = Palette::new(source.materials().map(|all| &**all), u64::MAX, Purpose::Bake)?;
+    let images = Palette::new(source.materials().map(|all| &**all), Purpose::Bake);
+    let free = free_bytes(n_triangles, &images, memory_bytes)?;
     let pixels = images.n_pixels();
     // Vertices are parted along charts: two sorts, of which either stays in memory where that suffices.
     let sort_bytes = |bytes: u64| {
@@ -137,14 +136,14 @@ const PARTED: f64 = 1.25;
 /// Bytes of cells for those of the mesh that is cut, about.
 const CELL_ROWS: f64 = 1.1;
 
-fn free_bytes(n_triangles: u64, memory_bytes: u64) -> Result<u64> {
-    let taken = TILE_BYTES * n_triangles;
-    let free = memory_bytes.checked_sub(taken).filter(|free| *free >= LEAST_WORK_BYTES);
+fn free_bytes(n_triangles: u64, images: &Palette, memory_bytes: u64) -> Result<u64> {
+    let (taken, least) = (TILE_BYTES * n_triangles, least_work_bytes(images));
+    let free = memory_bytes.checked_sub(taken).filter(|free| *free >= least);
     free.ok_or_else(|| {
         Error::NoMemory(format!(
             "textures of tiles take {} of memory, {} are left for them: give more --memory, fewer --tile-triangles, or \
              --texture colors",
-            show_bytes(taken + LEAST_WORK_BYTES),
+            show_bytes(taken + least),
             show_bytes(memory_bytes)
         ))
     })
@@ -155,18 +154,14 @@ impl Photographs {
     ///
     /// Disk: about 40 bytes a triangle of the input, six times that for a while.
     pub fn stage(source: MeshSource, n_triangles: u64, means: Means) -> Result<Photographs> {
-        let free_bytes = free_bytes(n_triangles, means.memory_bytes)?;
+        let palette = Palette::new(source.materials().map(|all| &**all), Purpose::Bake);
+        let free_bytes = free_bytes(n_triangles, &palette, means.memory_bytes)?;
         let options = Options {
             page_size: MOST_SIDE,
             most_pages: None,
             cell_triangles: CELL_TRIANGLES,
             normals: false,
         };
-        let palette = Palette::new(
-            source.materials().map(|all| &**all),
-            free_bytes / IMAGE_SHARE,
-            Purpose::Bake,
-        )?;
         let within = Means { memory_bytes: free_bytes, ..means };
         let original = Original::cut(source, &palette, &options, within)?;
         let (largest, share) = (original.largest_cell_bytes(), free_bytes / CELL_SHARE);

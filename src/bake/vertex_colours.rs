@@ -15,8 +15,9 @@ use stonecut_render::texture::{
 };
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::Ledger;
+use stonecut_system::memory::BASE_BYTES;
 use stonecut_system::pending_file::Place;
-use stonecut_system::units::show_bytes;
+use stonecut_system::units::{memory_word, show_bytes};
 
 /// Properties that are added.
 const COLOUR: [&str; 3] = ["red", "green", "blue"];
@@ -52,13 +53,27 @@ pub fn colour_properties() -> [Property; 3] {
     COLOUR.map(|name| Property::new(name, Scalar::U8))
 }
 
+/// Memory without which vertices get no colours, beside `BASE_BYTES`.
+pub fn least_for_colours(source: &MeshSource) -> u64 {
+    IMAGE_SHARE * Palette::new(source.materials().map(Arc::as_ref), Purpose::View).largest_bytes()
+}
+
 /// Writes `source` as a PLY with a colour for each vertex, without images and texture coordinates.
 ///
 /// Memory: 16 bytes a vertex of a window, as many as a third of it holds; one decoded image at least. Disk: the mesh.
-/// Errors: an image that does not fit into half of the memory once it is decoded, by name.
+/// Errors: an image that does not fit into half of the memory while it is decoded.
 pub fn colour_vertices(source: &MeshSource, to: &Path, means: Means) -> Result<Coloured> {
     let image_bytes = means.memory_bytes / IMAGE_SHARE;
-    let palette = Palette::new(source.materials().map(Arc::as_ref), image_bytes, Purpose::View)?;
+    let palette = Palette::new(source.materials().map(Arc::as_ref), Purpose::View);
+    let least = palette.largest_bytes();
+    if least > image_bytes {
+        return Err(Error::NoMemory(format!(
+            "colours of vertices: an image takes {} while it is decoded, the budget has {} for it; give --memory {}",
+            show_bytes(least),
+            show_bytes(image_bytes),
+            memory_word(BASE_BYTES + IMAGE_SHARE * least)
+        )));
+    }
     let cache = ImageCache::new(&palette, image_bytes);
     let window = means.memory_bytes / SUM_SHARE / size_of::<Light>() as u64;
     if window == 0 {
@@ -231,8 +246,7 @@ mod tests {
                 progress: &progress,
             };
             let to = folder.path().join("out.ply");
-            let palette =
-                Palette::new(source.materials().map(Arc::as_ref), 1 << 30, Purpose::View).unwrap();
+            let palette = Palette::new(source.materials().map(Arc::as_ref), Purpose::View);
             let cache = ImageCache::new(&palette, 1 << 30);
             let found = in_windows(&source, &to, means, (&palette, &cache), window).unwrap();
             assert_eq!(found, Coloured::default());

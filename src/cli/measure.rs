@@ -203,7 +203,7 @@ fn report(args: &Args, session: &mut Session) -> Result<Report> {
     let means = (memory_bytes, threads);
     if args.appearance {
         let settings = Settings { views: args.views, lit: args.lit };
-        appearance::hold(&original, settings, memory_bytes)?;
+        appearance::hold((&original, &simplified), settings, memory_bytes)?;
     }
     let region = match (&args.near, args.within) {
         (Some(path), Some(within)) => {

@@ -75,8 +75,8 @@ const PIXEL_BYTES: u64 = 48;
 /// Memory that no picture does without, beside its frame and its pixels.
 const LEAST_BYTES: u64 = 24 << 20;
 
-/// Memory that a picture takes at least.
-pub fn least_bytes(view: &View) -> Result<u64> {
+/// Memory that a picture takes at least, without its images.
+pub(super) fn least_bytes(view: &View) -> Result<u64> {
     Ok(frame_bytes(view)? + LEAST_BYTES)
 }
 
@@ -87,17 +87,17 @@ fn frame_bytes(view: &View) -> Result<u64> {
     Ok(pixels * ((per_pixel * per_pixel * SAMPLE_BYTES) as u64 + PIXEL_BYTES))
 }
 
-/// Memory for vertices and images beside the frame of a view.
+/// Memory for vertices and images beside the frame of a view; `looks_bytes` is what images take at least.
 ///
-/// Errors: a frame that the memory does not hold, with the memory and the size that do.
-pub(super) fn free_bytes(view: &View, resources: Resources) -> Result<u64> {
-    let needed = least_bytes(view)?;
+/// Errors: a frame that the memory does not hold with these, with the memory and the size that do.
+pub(super) fn free_bytes(view: &View, looks_bytes: u64, resources: Resources) -> Result<u64> {
+    let needed = least_bytes(view)? + looks_bytes;
     if needed <= resources.memory_bytes {
         return Ok(resources.memory_bytes.saturating_sub(frame_bytes(view)? + SLACK_BYTES));
     }
     // Nine samples are the most that a pixel takes, so a picture of this size is held.
     let most = 9 * SAMPLE_BYTES as u64 + PIXEL_BYTES;
-    let left = resources.memory_bytes.saturating_sub(LEAST_BYTES) / most;
+    let left = resources.memory_bytes.saturating_sub(LEAST_BYTES + looks_bytes) / most;
     let pixels = f64::from(view.width) * f64::from(view.height);
     let share = (left as f64 / pixels).sqrt().min(1.0);
     let [width, height] = [view.width, view.height].map(|n| (f64::from(n) * share) as u32);
@@ -105,8 +105,12 @@ pub(super) fn free_bytes(view: &View, resources: Resources) -> Result<u64> {
         0 => String::new(),
         _ => format!(", or make it {width}x{height}"),
     };
+    let looks = match looks_bytes {
+        0 => String::new(),
+        n => format!(", {} of it for an image while it is decoded", show_bytes(n)),
+    };
     Err(Error::NoMemory(format!(
-        "a picture of {}x{} pixels takes {}, the budget has {}; give --memory {}{smaller}",
+        "a picture of {}x{} pixels takes {}{looks}, the budget has {}; give --memory {}{smaller}",
         view.width,
         view.height,
         show_bytes(needed),

@@ -24,10 +24,9 @@ mod view;
 
 pub use legend::top_of;
 pub use picture::{Letters, Picture, text_width};
-pub use shots::{Shot, aims_around, has_images, has_looks, shots};
+pub use shots::{Shot, aims_around, has_images, has_looks, least_bytes, shots};
 pub use view::{Aim, Coloring, Direction, Lighting, Resources, Scale, Sphere, View};
 
-pub use draw::least_bytes;
 use draw::{aim, draw, free_bytes};
 use scene::{InMemory, OnDisk};
 use stonecut_io::ply::MeshSource;
@@ -36,9 +35,10 @@ use stonecut_system::error::{Error, Result};
 use stonecut_system::progress::Progress;
 use view::per_pixel;
 
-/// Refuses a picture that the memory does not hold, before anything is read for it; names the memory and the size that do.
+/// Refuses a picture that the memory does not hold, before anything is read for it, its images left out of account; names the memory
+/// and the size that do.
 pub fn hold(view: &View, resources: Resources) -> Result<()> {
-    free_bytes(view, resources).map(drop)
+    free_bytes(view, 0, resources).map(drop)
 }
 
 /// A picture of a mesh in memory.
@@ -57,7 +57,7 @@ pub fn render_mesh(
     let resources = Resources { memory_bytes: u64::MAX, threads };
     let scene = InMemory { mesh, color };
     let overlay = quadrics::ellipsoids(mesh, view.n_quadrics);
-    let free = free_bytes(view, resources)?;
+    let free = free_bytes(view, 0, resources)?;
     let drawn = draw(&scene, view, (None, &overlay), (resources, free), progress)?;
     drawn.picture(view.lighting, threads, progress)
 }

@@ -1,22 +1,21 @@
 //! Several pictures of one file: materials are looked at once, decoded images stay from picture to picture.
 
 use super::camera::Camera;
-use super::draw::{CLAY, draw, extent, free_bytes};
+use super::draw::{self, CLAY, draw, extent, free_bytes};
 use super::picture::Picture;
 use super::scene::{OnDisk, find};
 use super::skin::Skins;
 use super::view::{Aim, Coloring, Resources, View, per_pixel};
 use crate::texture::{ImageCache, Palette, Purpose};
-use stonecut_io::materials::{Alpha, MapKind, Material};
+use stonecut_io::materials::{Alpha, MapKind, Material, Materials};
 use stonecut_io::ply::MeshSource;
 use stonecut_mesh::vec3::{add, cross, scale, unit};
 use stonecut_system::error::Result;
 use stonecut_system::losses::{Ledger, Loss, LossKind};
 use stonecut_system::progress::Progress;
 
-/// Share of the memory beside the frame that decoded images take, and the least of it.
+/// Share of the memory beside the frame that decoded images take, if those of one material do with it.
 const IMAGE_SHARE: u64 = 3;
-const LEAST_IMAGE_BYTES: u64 = 32 << 20;
 
 /// A picture with its silhouette.
 pub struct Shot {
@@ -47,6 +46,35 @@ fn has_normal_maps(source: &MeshSource) -> bool {
 pub fn has_looks(source: &MeshSource) -> bool {
     let has = |name: &str| find(source, name).is_some();
     source.materials().is_some_and(|all| !all.list.is_empty()) || has("red") || has("diffuse_red")
+}
+
+fn is_textured(view: &View) -> bool {
+    view.coloring == Coloring::Texture && view.scale.is_none()
+}
+
+/// True if materials of a file are drawn: of surfaces without colours, normal maps are seen all the same.
+fn is_painted(source: &MeshSource, view: &View) -> bool {
+    let is_clay = view.coloring == Coloring::Plain && view.scale.is_none();
+    is_textured(view) || (is_clay && has_normal_maps(source))
+}
+
+/// Looks that views of a file show, and its materials if they show any.
+fn looks<'a>(source: &'a MeshSource, views: &[View]) -> (Palette, Option<&'a Materials>) {
+    let is_any_painted = views.iter().any(|view| is_painted(source, view));
+    let materials = source.materials().filter(|_| is_any_painted).map(|all| &**all);
+    let purpose = if views.iter().any(is_textured) { Purpose::View } else { Purpose::Relief };
+    (Palette::new(materials, purpose), materials)
+}
+
+/// Memory that images take at least.
+fn looks_bytes(palette: &Palette) -> u64 {
+    if palette.has_images() { palette.material_bytes() } else { 0 }
+}
+
+/// Memory that a picture of a file takes at least, with the images that are decoded for it.
+pub fn least_bytes(source: &MeshSource, view: &View) -> Result<u64> {
+    let (palette, _) = looks(source, std::slice::from_ref(view));
+    Ok(draw::least_bytes(view)? + looks_bytes(&palette))
 }
 
 /// Cameras evenly around a file, all at the distance at which they see the sphere around its bounding box.
@@ -93,7 +121,7 @@ impl Aim {
 ///
 /// Memory: as `render_source`. Images that are missing or damaged are noted in `progress`, once.
 ///
-/// Errors: as `render_source`, and those of `each`.
+/// Errors: as `render_source`, and those of `each`; the memory does not hold what `least_bytes` says.
 pub fn shots(
     source: &MeshSource,
     views: &[View],
@@ -101,32 +129,28 @@ pub fn shots(
     progress: &Progress,
     mut each: impl FnMut(usize, Shot) -> Result<()>,
 ) -> Result<()> {
-    let is_textured = |view: &View| view.coloring == Coloring::Texture && view.scale.is_none();
-    // Of surfaces without colours, normal maps are seen all the same.
-    let is_clay = |view: &View| view.coloring == Coloring::Plain && view.scale.is_none();
-    let has_maps = has_normal_maps(source);
-    let is_painted = |view: &View| is_textured(view) || (has_maps && is_clay(view));
-    let materials = source.materials().filter(|_| views.iter().any(is_painted));
-    let purpose = if views.iter().any(is_textured) { Purpose::View } else { Purpose::Relief };
+    let (palette, materials) = looks(source, views);
+    let looks_bytes = looks_bytes(&palette);
     let mut least = u64::MAX;
     for view in views {
-        least = least.min(free_bytes(view, resources)?);
+        least = least.min(free_bytes(view, looks_bytes, resources)?);
     }
-    let image_bytes = match materials {
-        Some(_) => (least / IMAGE_SHARE).max(LEAST_IMAGE_BYTES),
-        None => 0,
+    let image_bytes = match palette.has_images() {
+        true => {
+            let all = palette.decoded_bytes().iter().sum::<u64>() + palette.decoder_bytes();
+            (least / IMAGE_SHARE).clamp(palette.material_bytes(), all)
+        }
+        false => 0,
     };
-    // Two images of one material are decoded together.
-    let palette = Palette::new(materials.map(|all| &**all), image_bytes / 2, purpose)?;
     let images = ImageCache::new(&palette, image_bytes);
     let coloured = materials.map(|_| Skins::new(&palette, &images, None));
     let clay = materials.map(|_| Skins::new(&palette, &images, Some(CLAY)));
     for (number, view) in views.iter().enumerate() {
         let skins = match is_textured(view) {
             true => coloured.as_ref(),
-            false => clay.as_ref().filter(|_| is_painted(view)),
+            false => clay.as_ref().filter(|_| is_painted(source, view)),
         };
-        let budget = free_bytes(view, resources)?.saturating_sub(image_bytes);
+        let budget = free_bytes(view, looks_bytes, resources)?.saturating_sub(image_bytes);
         let mut scene = OnDisk::new(source, view);
         if skins.is_some_and(Skins::has_normal_maps) {
             scene = scene.with_frames();

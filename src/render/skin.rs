@@ -14,7 +14,7 @@ use stonecut_system::parallel::in_order;
 use stonecut_system::progress::Progress;
 
 /// Samples that are coloured at a time, and by one thread.
-const STRETCH: usize = 1 << 20;
+const STRETCH: usize = 1 << 16;
 const BLOCK: usize = 1 << 14;
 
 /// Opacity from which on a material without a mask is drawn.
@@ -77,7 +77,7 @@ impl<'a> Skins<'a> {
     /// Gives all samples that lie on images their colours; returns the places of those that are not there after all,
     /// since the image has a hole.
     ///
-    /// Memory: images within the budget of the cache, 40 MiB, and 4 bytes for each of the places.
+    /// Memory: images within the budget of the cache, 6 MiB, and 4 bytes for each of the places.
     pub(super) fn colour(
         &self,
         frame: &mut Frame,
@@ -110,7 +110,7 @@ impl<'a> Skins<'a> {
         for (n, &material) in materials.iter().enumerate() {
             let paint = &self.palette.paints[material as usize];
             let mut more = numbers.clone();
-            more.extend(maps(paint).map(|map| map.image));
+            more.extend(paint.maps().map(|map| map.image));
             let list: Vec<usize> = more.iter().copied().collect();
             if n > 0 && self.images.fitting(&list) < list.len() {
                 return (numbers.into_iter().collect(), n);
@@ -119,10 +119,6 @@ impl<'a> Skins<'a> {
         }
         (numbers.into_iter().collect(), materials.len())
     }
-}
-
-fn maps(paint: &Paint) -> impl Iterator<Item = &MapUse> {
-    [&paint.base, &paint.opacity, &paint.normal].into_iter().flatten()
 }
 
 /// Materials whose images are decoded.
@@ -146,7 +142,7 @@ impl Group<'_> {
         let n = frame.samples.len();
         for start in (0..n).step_by(STRETCH) {
             let stretch = &frame.samples[start..(start + STRETCH).min(n)];
-            let mut found: Vec<(u32, Option<Sample>)> = Vec::new();
+            let mut found: Vec<(u32, Option<Sample>)> = Vec::with_capacity(stretch.len());
             let colour = |block: u64, out: &mut Vec<(u32, Option<Sample>)>| {
                 out.clear();
                 let first = block as usize * BLOCK;

@@ -1,6 +1,7 @@
 //! A refusal for want of memory names a size, and that size is enough: given back, it is not refused again.
 
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
+#![allow(clippy::print_stdout)] // Figures.
 
 use crate::common::{expect, run};
 use std::path::Path;
@@ -171,5 +172,59 @@ fn a_tile_is_worth_no_more_memory_than_its_share() {
             assert_eq!(output.status.code(), Some(4), "{command}: {said}");
             assert!(said.contains(words), "{command}: {said}");
         }
+    }
+}
+
+/// Runs a command and returns its exit code, its words and the most memory that it was seen to have had, in bytes.
+fn watched(folder: &Path, command: &str) -> (i32, String, u64) {
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_stonecut"))
+        .current_dir(folder)
+        .args(command.split_whitespace())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let status = format!("/proc/{}/status", child.id());
+    let mut peak = 0;
+    while child.try_wait().unwrap().is_none() {
+        let text = std::fs::read_to_string(&status).unwrap_or_default();
+        let kib =
+            text.lines().find_map(|line| line.strip_prefix("VmHWM:")?.split(' ').rev().nth(1));
+        peak = kib.and_then(|kib| kib.trim().parse().ok()).unwrap_or(0).max(peak);
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    (output.status.code().unwrap_or(-1), said, peak << 10)
+}
+
+/// Images are weighed by their headers before they are decoded: pictures take what was named and no more.
+#[test]
+fn decoded_images_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let side = 1600;
+    let rgb = vec![90; 3 * side * side];
+    let [width, height] = [side as u32; 2];
+    let image = stonecut::render::Picture { width, height, rgb };
+    std::fs::write(at.join("q.png"), image.to_png().unwrap()).unwrap();
+    std::fs::write(at.join("q.mtl"), "newmtl a\nmap_Kd q.png\n").unwrap();
+    let mut text = "mtllib q.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n".to_owned();
+    text += "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n";
+    std::fs::write(at.join("q.obj"), text).unwrap();
+    // Pixels with their halves, and the pixels that the decoder gives.
+    let image_mib = ((4.0 * 4.0 / 3.0 + 4.0) * (side * side) as f64) as u64 >> 20;
+    for (command, least_mib) in [
+        ("render q.obj -o p.png --size 100x100 --force", 24 + 4 + image_mib),
+        ("measure q.obj q.obj --appearance --views 3 --samples 1k", 235 + image_mib),
+        ("tiles q.obj t --texture colors --force", 2 * image_mib),
+        ("simplify q.obj o.obj --triangles 2 --texture bake --force", 3 * image_mib),
+    ] {
+        let said = expect(at, &format!("{command} --memory {}MiB", least_mib - 1), 6);
+        let named = named(&said);
+        let (code, said, peak) = watched(at, &format!("{command} --memory {named} --threads 4"));
+        assert_eq!(code, 0, "{command}: {said}");
+        let mib: u64 = named.trim_end_matches("MiB").parse().unwrap();
+        println!("{command}: named {named}, peak {} MiB", peak >> 20);
+        assert!(peak <= (mib + 8) << 20, "{command}: {} MiB of {named}", peak >> 20);
     }
 }

@@ -30,6 +30,8 @@ pub struct ImageFacts {
     pub ending: &'static str,
     /// Width and height that the header says.
     pub size: Option<[u32; 2]>,
+    /// Bytes of a pixel while it is decoded, at most, beside those of the finished one.
+    pub decoder_pixel_bytes: u64,
     /// True if a side is longer than programs can show.
     pub is_too_large: bool,
     /// Reason why other programs may refuse it.
@@ -93,7 +95,45 @@ pub fn look(data: &ImageData) -> Result<ImageFacts, String> {
     let side = |n: usize| u32::try_from(n).ok().filter(|&n| n > 0);
     let size = found.ok().and_then(|size| Some([side(size.width)?, side(size.height)?]));
     let is_too_large = size.is_some_and(|size| size.iter().any(|&n| n as usize > MAX_SIDE));
-    Ok(ImageFacts { n_bytes, mime, ending, size, is_too_large, fault })
+    let decoder_pixel_bytes = decoder_pixel_bytes(&head, ending);
+    Ok(ImageFacts { n_bytes, mime, ending, size, decoder_pixel_bytes, is_too_large, fault })
+}
+
+/// Bytes of a pixel that a decoder holds beside the four of the finished one, as far as the head of the file tells.
+fn decoder_pixel_bytes(head: &[u8], ending: &str) -> u64 {
+    let bytes = match ending {
+        // Depth and channels; those of a palette are looked up.
+        "png" => match (head.get(24), head.get(25)) {
+            (Some(16), Some(0)) => 2,
+            (Some(16), Some(4)) => 4,
+            (Some(16), Some(2)) => 6,
+            (Some(16), _) => 8,
+            _ => 4,
+        },
+        "jpg" => jpeg_pixel_bytes(head),
+        "webp" | "gif" | "ktx2" => 8,
+        "tif" => 16,
+        // Three halves or floats become four floats.
+        "exr" => 32,
+        _ => 4,
+    };
+    // The finished pixels are copied once.
+    bytes.max(4)
+}
+
+/// The same of a JPEG: its components and, where it is progressive, their coefficients.
+fn jpeg_pixel_bytes(head: &[u8]) -> u64 {
+    const MOST: u64 = 12;
+    let mut at = 2;
+    while let Some(&[0xff, marker, high, low, ..]) = head.get(at..) {
+        let is_frame = (0xc0..=0xcf).contains(&marker) && ![0xc4, 0xc8, 0xcc].contains(&marker);
+        if is_frame {
+            let n = head.get(at + 9).map_or(4, |&n| u64::from(n.clamp(3, 4)));
+            return if marker == 0xc0 || marker == 0xc1 { n } else { 3 * n };
+        }
+        at += 2 + usize::from(u16::from_be_bytes([high, low]));
+    }
+    MOST
 }
 
 impl Materials {

@@ -79,13 +79,15 @@ fn kept_bytes(views: u32) -> u64 {
     u64::from(views) * u64::from(SIDE * SIDE) * 4
 }
 
-/// Memory of materials and decoded images beyond what a picture without them takes: rooms with eight images took 90 MiB.
-const IMAGES_BYTES: u64 = 96 << 20;
-
 /// Refuses pictures that the memory does not hold, before any work; names the memory that does.
-pub fn hold(original: &MeshSource, settings: Settings, memory_bytes: u64) -> Result<()> {
-    let images = if has_looks(original) { IMAGES_BYTES } else { 0 };
-    let needed = least_bytes(&view(original, settings.lit))? + kept_bytes(settings.views) + images;
+pub fn hold(
+    (original, simplified): (&MeshSource, &MeshSource),
+    settings: Settings,
+    memory_bytes: u64,
+) -> Result<()> {
+    let view = view(original, settings.lit);
+    let pictures = least_bytes(original, &view)?.max(least_bytes(simplified, &view)?);
+    let needed = pictures + kept_bytes(settings.views);
     if needed <= memory_bytes {
         return Ok(());
     }
@@ -113,7 +115,7 @@ pub fn compare(
     progress: &Progress,
     mut each: impl FnMut(u32, [&Picture; 2]) -> Result<()>,
 ) -> Result<Appearance> {
-    hold(original, settings, resources.memory_bytes)?;
+    hold((original, simplified), settings, resources.memory_bytes)?;
     let left = resources.memory_bytes.saturating_sub(kept_bytes(settings.views));
     let resources = Resources { memory_bytes: left, ..resources };
     let view = view(original, settings.lit);

@@ -3,7 +3,8 @@
 use super::config::{Finest, NAMED, TileTexture, TilesConfig};
 use super::pending::{check_tree, checksum};
 use crate::bake::{
-    TilesNeed, check_tiles, colour_properties, has_images, has_only_images, least_for_tiles,
+    TilesNeed, check_tiles, colour_properties, has_images, has_only_images, least_for_colours,
+    least_for_tiles,
 };
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
@@ -222,12 +223,16 @@ impl TilesPlan {
         let sizes =
             Sizes { n_vertices: source.n_vertices(), n_cells, store_bytes: store, layout: &layout };
         let tables = Shares::new(sizes, config.threads.get(), usable).least_bytes;
-        let pages_of = |most| if textured { least_for_tiles(source, most) } else { Ok(0) };
-        let pages = pages_of(most)?;
-        let needed = work.max(tables).max(pages) + BASE_BYTES;
+        let looks_of = |most| match gets_colours(source, textured) {
+            true => least_for_colours(source),
+            false if textured => least_for_tiles(source, most),
+            false => 0,
+        };
+        let looks = looks_of(most);
+        let needed = work.max(tables).max(looks) + BASE_BYTES;
         if needed > usable + BASE_BYTES {
             let worst = most_of(UNEVEN_AT_WORST);
-            let named = needed.max(BASE_BYTES + work_of(worst).max(pages_of(worst)?));
+            let named = needed.max(BASE_BYTES + work_of(worst).max(looks_of(worst)));
             return Err(too_little(config, named));
         }
         let finest = triangles_in as f64 * hidden.left.powi(hidden.rounds as i32);

@@ -131,6 +131,7 @@ impl Decoded {
     fn new(picture: &Picture) -> Result<Decoded, String> {
         let mut bytes = Vec::new();
         let read = copy_bytes(&picture.data, |part| {
+            bytes.reserve_exact(part.len());
             bytes.extend_from_slice(part);
             Ok(())
         });
@@ -312,7 +313,10 @@ impl Level {
 /// Decoded images within a budget.
 pub struct ImageCache<'a> {
     palette: &'a Palette,
+    /// For decoded images.
     budget_bytes: u64,
+    /// For a decoder at work, beside these.
+    decoder_bytes: u64,
     /// Of colours.
     pub table: LightTable,
     /// Of normal maps.
@@ -329,10 +333,13 @@ struct Held {
 }
 
 impl<'a> ImageCache<'a> {
-    /// An empty cache; at most `budget_bytes` of decoded pixels stay in it.
+    /// An empty cache; decoded pixels and decoders at work take at most `budget_bytes`, or one image and its decoder if they are
+    /// more.
     pub fn new(palette: &'a Palette, budget_bytes: u64) -> Self {
         let (table, plain) = (LightTable::new(), LightTable::plain());
-        ImageCache { palette, budget_bytes, table, plain, held: Mutex::default() }
+        let decoder_bytes = palette.decoder_bytes();
+        let budget_bytes = budget_bytes.saturating_sub(decoder_bytes);
+        ImageCache { palette, budget_bytes, decoder_bytes, table, plain, held: Mutex::default() }
     }
 
     /// Images that could not be decoded.
@@ -378,7 +385,9 @@ impl<'a> ImageCache<'a> {
         threads: usize,
         progress: &Progress,
     ) -> Result<Vec<Option<Arc<Decoded>>>> {
-        let missing = self.make_room(numbers);
+        let (missing, free) = self.make_room(numbers);
+        let n_decoders = 1 + free / self.decoder_bytes.max(1);
+        let threads = threads.min(usize::try_from(n_decoders).unwrap_or(threads));
         let decode = |i: u64, out: &mut Option<Result<Decoded, String>>| {
             let picture = self.picture(missing[i as usize]);
             let decoded = picture.map(|picture| {
@@ -408,8 +417,9 @@ impl<'a> ImageCache<'a> {
         Ok(numbers.iter().map(image).collect())
     }
 
-    /// Notes a use of all, and gives up others until those that are missing fit; returns the latter.
-    fn make_room(&self, numbers: &[usize]) -> Vec<usize> {
+    /// Notes a use of all, and gives up others until those that are missing fit; returns the latter, and the bytes that are still
+    /// free then.
+    fn make_room(&self, numbers: &[usize]) -> (Vec<usize>, u64) {
         let mut held = self.held();
         held.uses += 1;
         let now = held.uses;
@@ -433,7 +443,7 @@ impl<'a> ImageCache<'a> {
             held.images.remove(&number);
             there -= self.bytes(number);
         }
-        missing
+        (missing, self.budget_bytes.saturating_sub(there + wanted))
     }
 
     fn bytes(&self, number: usize) -> u64 {
@@ -569,6 +579,7 @@ mod tests {
             name: String::new(),
             size: [4, 4],
             is_jpeg: false,
+            decoder_bytes: 0,
             is_opaque,
         };
         for (is_opaque, seen) in [(true, [200, 40, 0, 255]), (false, [0; 4])] {

@@ -8,9 +8,7 @@ use stonecut_io::materials::{
     Alpha, ImageData, Map, MapKind, Material, Materials, all_missing, besides_pages, look_at_image,
 };
 use stonecut_mesh::oklab::linear_of_srgb;
-use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Ledger, Loss, LossKind};
-use stonecut_system::units::show_bytes;
 
 /// Bytes of a decoded pixel, with all smaller sizes of the image.
 const PIXEL_BYTES: u64 = 4;
@@ -57,6 +55,8 @@ pub struct Picture {
     pub name: String,
     pub size: [u32; 2],
     pub is_jpeg: bool,
+    /// Bytes that it takes beside its own while it is decoded: its file, and what the decoder holds.
+    pub decoder_bytes: u64,
     /// True if the opacity of its pixels does not count.
     pub is_opaque: bool,
 }
@@ -89,6 +89,13 @@ pub struct Paint {
     pub mask: Option<f32>,
     /// True if light does not matter.
     pub unlit: bool,
+}
+
+impl Paint {
+    /// Its images.
+    pub fn maps(&self) -> impl Iterator<Item = &MapUse> {
+        [&self.base, &self.opacity, &self.normal].into_iter().flatten()
+    }
 }
 
 /// An image with the way that coordinates lead to it.
@@ -204,13 +211,8 @@ pub struct Finish {
 }
 
 impl Palette {
-    /// Looks at all materials and images. For a bake it fails if an image does not fit into `image_bytes` once it is
-    /// decoded.
-    pub fn new(
-        materials: Option<&Materials>,
-        image_bytes: u64,
-        purpose: Purpose,
-    ) -> Result<Palette> {
+    /// Looks at all materials and images.
+    pub fn new(materials: Option<&Materials>, purpose: Purpose) -> Palette {
         let none = Materials::default();
         let materials = materials.unwrap_or(&none);
         let mut palette = Palette {
@@ -220,7 +222,7 @@ impl Palette {
             materials: materials.list.clone(),
             losses: Ledger::default(),
         };
-        palette.look(materials, image_bytes, purpose)?;
+        palette.look(materials, purpose);
         let opaque = palette.part_opaque(purpose);
         let images = &palette.images;
         let use_of = |material: &Material, kind: MapKind| {
@@ -252,10 +254,10 @@ impl Palette {
         if purpose == Purpose::Bake {
             palette.enter_losses();
         }
-        Ok(palette)
+        palette
     }
 
-    fn look(&mut self, materials: &Materials, image_bytes: u64, purpose: Purpose) -> Result<()> {
+    fn look(&mut self, materials: &Materials, purpose: Purpose) {
         let is_used = |number: usize, counts: &dyn Fn(MapKind) -> bool| {
             let uses = |map: &Map| map.image == number && counts(map.kind);
             materials.list.iter().any(|material| material.maps.iter().any(uses))
@@ -286,27 +288,13 @@ impl Palette {
                     name: name.clone(),
                     size,
                     is_jpeg: facts.ending == "jpg",
+                    decoder_bytes: 2 * facts.n_bytes
+                        + u64::from(size[0]) * u64::from(size[1]) * facts.decoder_pixel_bytes,
                     is_opaque: false,
                 }),
                 Err(fault) => Err(fault),
             };
             match picture {
-                Ok(picture) if picture.bytes() > image_bytes && purpose != Purpose::Bake => {
-                    let of_memory = show_bytes(image_bytes);
-                    self.lose_image(
-                        &name,
-                        &format!("takes more than the {of_memory} that the memory has for it"),
-                    );
-                }
-                Ok(picture) if picture.bytes() > image_bytes => {
-                    let [width, height] = picture.size;
-                    return Err(Error::NoMemory(format!(
-                        "image {name} of {width} x {height} pixels takes {} once it is decoded, of which the budget \
-                         leaves {}: give more --memory, or choose another --texture",
-                        show_bytes(picture.bytes()),
-                        show_bytes(image_bytes)
-                    )));
-                }
                 Ok(picture) => {
                     self.images.push(Some(picture));
                     if let Some(fault) = doubt {
@@ -322,7 +310,6 @@ impl Palette {
         if n_needed > 0 && self.images.iter().all(Option::is_none) {
             self.losses.lose(all_missing(n_needed));
         }
-        Ok(())
     }
 
     /// Takes the next image as one that cannot be used.
@@ -408,6 +395,25 @@ impl Palette {
     /// Bytes of each image once it is decoded.
     pub fn decoded_bytes(&self) -> Vec<u64> {
         self.images.iter().flatten().map(Picture::bytes).collect()
+    }
+
+    /// Bytes that the decoder of an image takes beside it, at most.
+    pub fn decoder_bytes(&self) -> u64 {
+        self.images.iter().flatten().map(|picture| picture.decoder_bytes).max().unwrap_or(0)
+    }
+
+    /// Memory for images without which none can be looked up: the largest, and its decoder.
+    pub fn largest_bytes(&self) -> u64 {
+        self.decoded_bytes().into_iter().max().unwrap_or(0) + self.decoder_bytes()
+    }
+
+    /// Memory for images without which no picture can be drawn: all of one material, and a decoder.
+    pub fn material_bytes(&self) -> u64 {
+        let bytes_of = |paint: &Paint| {
+            let images: BTreeSet<usize> = paint.maps().map(|map| map.image).collect();
+            images.into_iter().filter_map(|i| Some(self.images[i].as_ref()?.bytes())).sum::<u64>()
+        };
+        self.paints.iter().map(bytes_of).max().unwrap_or(0) + self.decoder_bytes()
     }
 
     /// True if any material has a normal map that is of use.
@@ -506,7 +512,7 @@ mod tests {
         let images = |list: &[Alpha]| {
             let mut materials = materials.clone();
             materials.list = list.iter().map(|alpha| material(*alpha)).collect();
-            let palette = Palette::new(Some(&materials), 1 << 20, Purpose::Bake).unwrap();
+            let palette = Palette::new(Some(&materials), Purpose::Bake);
             assert_eq!(palette.n_pixels(), 8);
             let numbers = palette.paints.iter().map(|paint| paint.base.as_ref().unwrap().image);
             let opaque = palette.images.iter().flatten().map(|picture| picture.is_opaque);
