@@ -50,6 +50,15 @@ pub(super) fn require_ending(
     Err(Error::Usage(format!("{name} {}: give it a name that ends in .{endings}", path.display())))
 }
 
+/// A fault in the words of a command line, without the lines on how to type it.
+pub(super) fn usage(error: &clap::Error) -> Error {
+    let text = error.to_string();
+    let text = text.strip_prefix("error: ").unwrap_or(&text);
+    let text = text.split("\n\nUsage:").next().unwrap_or(text);
+    let text = text.split("\n\nFor more information").next().unwrap_or(text);
+    Error::Usage(text.trim().to_owned())
+}
+
 /// Parses `--memory`: a size, or a share of the tightest limit in force.
 pub(super) fn parse_memory(text: &str) -> Result<u64, String> {
     let limit = crate::system::memory::limit_bytes();

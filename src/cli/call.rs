@@ -88,14 +88,7 @@ fn draw(args: &render::Args, mesh: Option<&Mesh>, progress: &Progress) -> Result
 
 fn parse(words: &[OsString]) -> Result<CommandLine> {
     let words = std::iter::once("stonecut".into()).chain(words.iter().cloned());
-    CommandLine::try_parse_from(words).map_err(|e| {
-        let text = e.to_string();
-        let text = text.strip_prefix("error: ").unwrap_or(&text);
-        // What follows is how to type it.
-        let text = text.split("\n\nUsage:").next().unwrap_or(text);
-        let text = text.split("\n\nFor more information").next().unwrap_or(text);
-        Error::Usage(text.trim().to_owned())
-    })
+    CommandLine::try_parse_from(words).map_err(|e| super::arguments::usage(&e))
 }
 
 #[cfg(test)]

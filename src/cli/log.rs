@@ -55,25 +55,39 @@ pub(super) fn complain(log: &mut dyn Write, show: Show, error: &Error, offers: O
     if matches!(error, Error::OutputClosed) {
         return error.exit_code();
     }
-    let (advice, code) = (error.advice(offers), error.exit_code());
     // Nothing can be reported if standard error is closed too.
     let _ = match show {
         Show::Json => {
-            let fields = json!({ "error": error.to_string(), "advice": advice, "exit_code": code });
-            writeln!(log, "{}", event("error", fields))
+            writeln!(log, "{}", event("error", failure(error, offers)))
         }
         _ => {
-            let advice = advice.map_or(String::new(), |advice| format!("; {advice}"));
+            let advice = error.advice(offers).map_or(String::new(), |advice| format!("; {advice}"));
             writeln!(log, "{}", shown(&format!("stonecut: {error}{advice}")))
         }
     };
-    code
+    error.exit_code()
+}
+
+/// A failure as an event says it.
+fn failure(error: &Error, offers: Offers) -> Value {
+    json!({
+        "error": error.to_string(), "code": error.code(), "advice": error.advice(offers),
+        "exit_code": error.exit_code(),
+    })
+}
+
+/// The facts of the last event of `--progress json`: the report of a command, or its failure.
+pub(super) fn end_of(outcome: Result<(Value, u8), &Error>, offers: Offers) -> Value {
+    match outcome {
+        Ok((report, code)) => json!({ "report": report, "exit_code": code }),
+        Err(error) => failure(error, offers),
+    }
 }
 
 /// Writes the last event of `--progress json`.
-pub(super) fn say_end(log: &mut dyn Write, show: Show, code: u8, began: Instant) {
+pub(super) fn say_end(log: &mut dyn Write, show: Show, mut fields: Value, began: Instant) {
     if show == Show::Json {
-        let fields = json!({ "exit_code": code, "seconds": began.elapsed().as_secs_f64() });
+        fields["seconds"] = began.elapsed().as_secs_f64().into();
         let _ = writeln!(log, "{}", event("end", fields));
     }
 }

@@ -39,12 +39,12 @@ mod terminal;
 mod tiles;
 mod work;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Offers, Result};
 use crate::system::parallel::guarded;
 use crate::system::paths::Role;
 use crate::system::progress::Progress;
 use clap::{CommandFactory, Parser};
-use log::{Log, Talk, complain, say_end};
+use log::{Log, Show, Talk, complain, end_of, say_end};
 pub use out_of_memory::Allocator;
 use session::{Command, Session};
 use std::io::Write;
@@ -98,6 +98,13 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
         Ok(typed) => typed,
         Err(error) => {
             // Help and version are answers, not errors; clap knows which stream each belongs to.
+            if error.use_stderr() && wants_events(&words) {
+                return refuse(
+                    &arguments::usage(&error),
+                    Offers::default(),
+                    std::time::Instant::now(),
+                );
+            }
             print_typed(&error, &words);
             return if error.use_stderr() { 2 } else { 0 };
         }
@@ -120,27 +127,39 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
         && let Ok(mut log) = Log::new(talk)
     {
         log.say(line);
-        say_end(&mut log, show, code, began);
+        say_end(&mut log, show, end_of(Ok((serde_json::Value::Null, code)), offers), began);
         return code;
     }
     let mut log = match begin() {
         Ok(log) => log,
-        Err(error) => {
-            let code = complain(&mut std::io::stderr(), show, &error, offers);
-            say_end(&mut std::io::stderr(), show, code, began);
-            return code;
-        }
+        Err(error) if show == Show::Json => return refuse(&error, offers, began),
+        Err(error) => return complain(&mut std::io::stderr(), show, &error, offers),
     };
     let outcome = guarded(|| command.run(&mut session(talk, &progress, &mut log)));
-    let code = match outcome {
+    let (code, end) = match outcome {
         Ok(done) => {
             let code = log.say_losses(&progress.losses(), done.code);
-            if command.ignores_losses() { done.code } else { code }
+            let code = if command.ignores_losses() { done.code } else { code };
+            (code, end_of(Ok((done.report, code)), offers))
         }
-        Err(error) => complain(&mut log, show, &error, offers),
+        Err(error) => (complain(&mut log, show, &error, offers), end_of(Err(&error), offers)),
     };
-    say_end(&mut log, show, code, began);
+    say_end(&mut log, show, end, began);
     code
+}
+
+/// Says as events why nothing is done; gives the exit code.
+fn refuse(error: &Error, offers: Offers, began: std::time::Instant) -> u8 {
+    let code = complain(&mut std::io::stderr(), Show::Json, error, offers);
+    say_end(&mut std::io::stderr(), Show::Json, end_of(Err(error), offers), began);
+    code
+}
+
+/// True if `--progress json` is among words that cannot be read as a whole.
+fn wants_events(words: &[std::ffi::OsString]) -> bool {
+    let pairs = words.windows(2);
+    let is_pair = |pair: &[std::ffi::OsString]| pair[0] == "--progress" && pair[1] == "json";
+    words.iter().any(|word| word == "--progress=json") || pairs.into_iter().any(is_pair)
 }
 
 /// The surroundings of a command of this command line.

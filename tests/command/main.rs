@@ -6,6 +6,7 @@ mod common;
 mod builders;
 mod command_line;
 mod empty;
+mod exit_codes;
 mod pages;
 mod paths;
 mod report;

@@ -308,11 +308,31 @@ fn progress_as_json_is_nothing_but_events() {
         let summary = events.iter().find(|line| line["event"] == "summary").expect("a summary");
         assert_keeps("simplify_report", &summary["report"]);
     }
-    events(out, "convert in.ply c.obj -q", 0);
-    events(out, "measure in.ply o.ply --samples 1k", 0);
-    events(out, "tiles in.ply t --tile-triangles 4k", 0);
-    events(out, "simplify in.ply o.ply --ratio 5%", 2);
-    events(out, "simplify none.ply n.ply --ratio 5%", 4);
+    for (command, report) in [
+        ("convert in.ply c.obj -q", "convert_report"),
+        ("measure in.ply o.ply --samples 1k", "measure_report"),
+        ("info in.ply", "info"),
+        ("simplify in.ply m.ply --method cluster --ratio 5%", "simplify_report"),
+        ("simplify in.ply o.ply --ratio 5% --cell-triangles 9k --force", "simplify_report"),
+    ] {
+        let events = events(out, command, 0);
+        assert_keeps(report, &events.last().expect("an end")["report"]);
+        let has_plan = events[0]["event"] == "plan";
+        assert!(has_plan || !command.ends_with("--force"), "{command}");
+    }
+    let tiles = events(out, "tiles in.ply t --tile-triangles 4k", 0);
+    assert!(tiles[0]["event"] == "plan" && tiles[tiles.len() - 1]["report"].is_object());
+    for (command, exit_code, code) in [
+        ("simplify in.ply o.ply --ratio 5%", 2, "usage"),
+        ("simplify in.ply o.ply --no-such-option", 2, "usage"),
+        ("simplify none.ply n.ply --ratio 5%", 4, "bad_input"),
+        ("tiles in.ply u --memory 1MiB", 6, "no_memory"),
+    ] {
+        let events = events(out, command, exit_code);
+        let end = events.last().expect("an end");
+        assert_eq!(end["code"], code, "{command}");
+        assert!(end["report"].is_null() && end["error"].is_string(), "{command}");
+    }
 }
 
 #[test]

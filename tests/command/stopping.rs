@@ -15,7 +15,7 @@ fn names(folder: &Path) -> BTreeSet<String> {
 }
 
 /// Waits until the process handles SIGTERM: a signal before that would end it anyway.
-fn wait_for_handler(child: &Child) {
+pub fn wait_for_handler(child: &Child) {
     let path = format!("/proc/{}/status", child.id());
     loop {
         let status = std::fs::read_to_string(&path).unwrap();
@@ -27,7 +27,7 @@ fn wait_for_handler(child: &Child) {
     }
 }
 
-fn signal(child: &Child, name: &str) {
+pub fn signal(child: &Child, name: &str) {
     let id = child.id().to_string();
     assert!(Command::new("kill").args([name, &id]).status().unwrap().success());
 }
