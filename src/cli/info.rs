@@ -4,8 +4,8 @@ use super::answer::CommandEnd;
 use super::session::{Command, Session};
 use super::terminal::{shown, table as table_of};
 use crate::error::{Error, Offers, Result};
-use crate::io::StageOptions;
-use crate::io::ply::MeshSource;
+use crate::io::ply::{MeshSource, ReadOptions};
+use crate::io::{NameUse, OBJECT, StageOptions};
 use crate::measure::check::{self, COUNT_BYTES, Checked};
 use crate::measure::intersections::{self, SelfIntersections};
 use crate::measure::load;
@@ -65,6 +65,9 @@ struct InfoReport {
     /// Names of the materials.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     materials: Vec<String>,
+    /// Names of objects and groups, or of nodes and meshes.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    names: Vec<String>,
     /// Names of the images of the materials.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     images: Vec<String>,
@@ -192,7 +195,8 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
     let threads = super::arguments::threads(args.threads).get();
     // With `--check` all of it is wanted; without, only its counts.
     let stage = super::arguments::staging(args.temp_dir(), args.memory);
-    let stage = StageOptions { only_looks: !args.check, ..stage };
+    let read = ReadOptions { names: NameUse::Carried, ..stage.read.clone() };
+    let stage = StageOptions { only_looks: !args.check, read, ..stage };
     let source = MeshSource::open_staged(&args.file, &stage)?;
     let (check, sizes, intersections) = match args.check {
         true => {
@@ -212,6 +216,7 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
         format: source.encoding().name(),
         file_format: source.file_format(),
         materials: materials.map_or_else(Vec::new, |m| m.names()),
+        names: source.names(),
         images: materials.map_or_else(Vec::new, |m| m.image_names(false)),
         image_pixels: materials.map_or_else(Vec::new, |m| m.image_pixels()),
         missing_images: materials.map_or_else(Vec::new, |m| m.image_names(true)),
@@ -224,7 +229,12 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
         faces: source.n_face_rows(),
         coordinate_bits: 8 * schema.coordinate.bytes(),
         properties: schema.properties.iter().map(|p| p.name.clone()).collect(),
-        face_properties: source.face_properties().into_iter().map(|p| p.name).collect(),
+        face_properties: source
+            .face_properties()
+            .into_iter()
+            .map(|p| p.name)
+            .filter(|name| source.file_format() == "PLY" || name != OBJECT)
+            .collect(),
         dropped_face_properties: source.dropped_face_properties(),
         // With `--check` the counts are among the others.
         vertices: check.is_none().then(|| source.n_vertices()),
@@ -265,6 +275,9 @@ fn count(args: &Args, source: &MeshSource, threads: usize, progress: &Progress) 
     }
     Ok(found)
 }
+
+/// Names of objects that the table shows.
+const SHOWN_NAMES: usize = 8;
 
 /// Names of missing images that the table shows.
 const SHOWN_IMAGES: usize = 5;
@@ -313,6 +326,12 @@ fn table(source: &MeshSource, report: &InfoReport, below: Option<String>) -> Str
     }
     if !report.materials.is_empty() {
         rows.push(("materials", report.materials.len().to_string()));
+    }
+    if !report.names.is_empty() {
+        let shown = report.names.iter().take(SHOWN_NAMES).map(String::as_str);
+        let rest = if report.names.len() > SHOWN_NAMES { ", ..." } else { "" };
+        let list = shown.collect::<Vec<_>>().join(", ");
+        rows.push(("objects", format!("{}: {}{rest}", report.names.len(), list)));
     }
     if !report.images.is_empty() {
         let (n, missing) = (report.images.len(), &report.missing_images);

@@ -2,7 +2,7 @@
 
 use crate::ply::header::BYTE_ORDER_MARK;
 use crate::ply::raw::RawFile;
-use crate::ply::scan::{Fault, Window, is_no_number};
+use crate::ply::scan::{Fault, Window, comma_advice, in_other_notation};
 use memchr::{memchr, memchr2};
 use stonecut_system::error::Result;
 
@@ -94,7 +94,12 @@ pub fn parse_number(token: &[u8]) -> Option<f64> {
         return Some(value);
     }
     let text = std::str::from_utf8(token).ok()?;
-    text.parse().ok().or_else(|| is_no_number(text).then_some(f64::NAN))
+    text.parse().ok().or_else(|| in_other_notation(text))
+}
+
+/// The message for text where a number should be.
+pub fn not_a_number(what: &str, token: &[u8], remedy: &str) -> String {
+    format!("{what} is not a number{}; {remedy}", comma_advice(token))
 }
 
 /// A number of at most 15 digits without an exponent. Digits and power of ten are exact in `f64`, so their quotient is the

@@ -9,6 +9,7 @@ mod gltf_extensions;
 mod kept_and_named;
 mod ledger;
 mod names;
+mod near_misses;
 mod other;
 mod placing;
 mod polygons;

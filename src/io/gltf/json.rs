@@ -51,18 +51,26 @@ pub(super) struct Asset {
     pub(super) version: String,
     pub(super) generator: String,
     pub(super) copyright: Option<String>,
-    /// Comments that this program has noted.
+    /// Comments that this program has noted, and what others say of the file.
     #[serde(rename = "extras", deserialize_with = "comments_of_extras")]
     pub(super) comments: Vec<String>,
 }
 
-/// The texts at `comments`; nothing of any other form.
+/// Comments that are read, at most.
+const MAX_COMMENTS: usize = 1000;
+
+/// The texts at `comments`, and others with their keys: author, licence and the like.
 fn comments_of_extras<'de, D: serde::Deserializer<'de>>(
     extras: D,
 ) -> Result<Vec<String>, D::Error> {
     let extras = serde_json::Value::deserialize(extras)?;
-    let texts = extras.get("comments").and_then(|texts| Vec::<String>::deserialize(texts).ok());
-    Ok(texts.unwrap_or_default())
+    let Some(members) = extras.as_object() else { return Ok(Vec::new()) };
+    let texts = members.iter().flat_map(|(key, value)| match (key.as_str(), value) {
+        ("comments", texts) => Vec::<String>::deserialize(texts).unwrap_or_default(),
+        (key, serde_json::Value::String(text)) => vec![format!("{key}: {text}")],
+        (key, value) => vec![format!("{key}: {value}")],
+    });
+    Ok(texts.take(MAX_COMMENTS).collect())
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -145,6 +153,7 @@ pub(super) struct Image {
 #[serde(default)]
 pub(super) struct Mesh {
     pub(super) name: Option<String>,
+    pub(super) extras: Option<IgnoredAny>,
     pub(super) primitives: Vec<Primitive>,
 }
 
@@ -156,6 +165,7 @@ pub(super) struct Primitive {
     pub(super) material: Option<usize>,
     pub(super) mode: Option<u32>,
     pub(super) targets: Vec<IgnoredAny>,
+    pub(super) extras: Option<IgnoredAny>,
     pub(super) extensions: PrimitiveExtensions,
 }
 
@@ -198,9 +208,11 @@ pub(super) struct NodeExtras {
     /// True if the name is that of a group, and of an object besides, where node and mesh have the same.
     pub(super) is_group: bool,
     pub(super) is_object_too: bool,
+    /// True if there is more than these.
+    pub(super) has_others: bool,
 }
 
-/// The three numbers at `offset`, and the word at `names`; nothing of any other form.
+/// The three numbers at `offset`, and the word at `names`; of others only that they are there.
 fn known_extras<'de, D: serde::Deserializer<'de>>(extras: D) -> Result<NodeExtras, D::Error> {
     let extras = serde_json::Value::deserialize(extras)?;
     let names = extras.get("names").and_then(serde_json::Value::as_str);
@@ -208,6 +220,12 @@ fn known_extras<'de, D: serde::Deserializer<'de>>(extras: D) -> Result<NodeExtra
         offset: extras.get("offset").and_then(|offset| <[f64; 3]>::deserialize(offset).ok()),
         is_group: matches!(names, Some("g" | "o g")),
         is_object_too: names == Some("o g"),
+        has_others: match &extras {
+            serde_json::Value::Object(members) => {
+                members.keys().any(|key| key != "offset" && key != "names")
+            }
+            other => !other.is_null(),
+        },
     })
 }
 
@@ -228,6 +246,7 @@ pub(super) struct Instances {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Scene {
+    pub(super) extras: Option<IgnoredAny>,
     pub(super) nodes: Vec<usize>,
 }
 
@@ -273,6 +292,7 @@ pub(super) struct Material {
     pub(super) alpha_mode: Option<String>,
     pub(super) alpha_cutoff: Option<f32>,
     pub(super) double_sided: bool,
+    pub(super) extras: Option<IgnoredAny>,
     pub(super) extensions: BTreeMap<String, serde_json::Value>,
 }
 

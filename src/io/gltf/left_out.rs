@@ -43,6 +43,17 @@ pub(super) fn enter(document: &Document, placed: &[Placed], out: &mut Materials)
     let bare = document.nodes.iter().filter(|node| node.mesh.is_none() && node.name.is_some());
     let names = Loss::new(LossKind::Names, "names of nodes without a mesh", "not carried").notice();
     lose(names, bare.count());
+    let primitives = || document.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    for (what, n) in [
+        ("nodes", document.nodes.iter().filter(|node| node.extras.has_others).count()),
+        ("meshes", document.meshes.iter().filter(|mesh| mesh.extras.is_some()).count()),
+        ("primitives", primitives().filter(|part| part.extras.is_some()).count()),
+        ("materials", document.materials.iter().filter(|look| look.extras.is_some()).count()),
+        ("scenes", document.scenes.iter().filter(|scene| scene.extras.is_some()).count()),
+    ] {
+        let what = format!("extras of {what}");
+        lose(Loss::new(LossKind::Attributes, what, "not carried").notice(), n);
+    }
     for name in &document.extensions_used {
         // Those of materials are looked for where materials are read.
         let is_read = KNOWN.contains(&name.as_str())

@@ -2,9 +2,10 @@
 
 use super::buffers::{Buffers, Inline, path_of};
 use super::json::{self, Document, TextureInfo, Transform};
-use crate::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
+use crate::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part, Search};
 use crate::ply::raw::RawFile;
 use stonecut_mesh::oklab::srgb_of_linear;
+use stonecut_system::disk::folder_of;
 use stonecut_system::error::Result;
 use stonecut_system::losses::{Loss, LossKind};
 
@@ -50,11 +51,20 @@ pub(super) fn read(
     inline: &Inline,
 ) -> Result<(Materials, Vec<Coordinates>)> {
     let mut out = Materials::default();
+    let mut search = Search::new("image", &[folder_of(file.path())]);
     for (number, image) in document.images.iter().enumerate() {
-        let read = image_of(file, image, (number, inline.image(number)), buffers)?;
+        let mut read = image_of(file, image, (number, inline.image(number)), buffers)?;
+        if let ImageData::File(path) = &mut read.data
+            && image.uri.is_some()
+            && !path.is_file()
+        {
+            let found = search.find(read.name.as_bytes());
+            *path = if found.is_file() { found } else { std::mem::take(path) };
+        }
         // Every image keeps its number, even if two are one file.
         out.images.push(read);
     }
+    search.note().into_iter().for_each(|note| out.note(note));
     let mut coordinates = Vec::new();
     for material in &document.materials {
         coordinates.push(add(file, document, material, &mut out)?);

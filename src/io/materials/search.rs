@@ -1,13 +1,15 @@
 //! Finds the files that a mesh names, though it was made on another machine.
 //!
 //! As written first, also with slashes for backslashes, without quotes or a comment behind. Then what the name ends in is
-//! looked for beside the mesh and its library, and at last without regard to case. Says what was taken instead.
+//! looked for beside the mesh and its library, without regard to case and to how accents are encoded, then in the folders
+//! below, and at last with the endings of other kinds of images. Says what was taken instead.
 
 use crate::encodings;
 use std::collections::HashMap;
 use std::ffi::{OsStr, OsString};
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
+use unicode_normalization::UnicodeNormalization;
 
 /// Folders in a name that are looked at, from its end.
 const MAX_PARTS: usize = 16;
@@ -15,8 +17,28 @@ const MAX_PARTS: usize = 16;
 /// Files of a folder that are remembered; names in fuller folders are found as they are written only.
 const MAX_LISTED: usize = 100_000;
 
+/// Levels of folders below that of a mesh, and the number of these folders, that are looked through.
+const MAX_DEPTH: usize = 3;
+const MAX_FOLDERS: usize = 1000;
+
+/// Folders that hold images by their name: of several files of one name, the one there is meant. They may lie beside the
+/// folder of the mesh, too.
+const IMAGE_FOLDERS: [&str; 8] =
+    ["textures", "texture", "images", "image", "tex", "maps", "materials", "img"];
+
+/// Endings of images, the likeliest first.
+const ENDINGS: [&str; 10] =
+    ["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "tga", "ktx2", "exr"];
+
 /// The word in a name that stands for the number of a tile.
 const UDIM: &str = "<udim>";
+
+/// Files of one name in folders below: the first of the likeliest, and their number.
+struct Below {
+    path: PathBuf,
+    is_likely: bool,
+    n: usize,
+}
 
 /// A search in the folders of a mesh and its material libraries.
 pub struct Search {
@@ -25,6 +47,8 @@ pub struct Search {
     folders: Vec<PathBuf>,
     /// Names in lower case and as they are, by folder.
     listings: HashMap<PathBuf, HashMap<String, OsString>>,
+    /// Files below each folder.
+    below: HashMap<PathBuf, HashMap<String, Below>>,
     /// Number of files found elsewhere than written, and the first of them.
     n_elsewhere: usize,
     first: Option<(String, PathBuf)>,
@@ -39,8 +63,8 @@ impl Search {
                 list.push(folder.to_path_buf());
             }
         }
-        let listings = HashMap::new();
-        Search { what, folders: list, listings, n_elsewhere: 0, first: None }
+        let (listings, below) = (HashMap::new(), HashMap::new());
+        Search { what, folders: list, listings, below, n_elsewhere: 0, first: None }
     }
 
     /// The same search beside another library.
@@ -55,10 +79,19 @@ impl Search {
         if let Some(path) = self.as_written(written, &texts) {
             return path;
         }
-        let found = texts.iter().map(|text| plain(text)).find_map(|name| {
-            let unescaped = String::from_utf8(encodings::unescaped(&name)).ok();
-            let unescaped = unescaped.filter(|other| *other != name);
-            self.elsewhere(&name).or_else(|| self.elsewhere(&unescaped?))
+        let names: Vec<String> = (texts.iter().map(|text| plain(text)))
+            .flat_map(|name| {
+                let unescaped = String::from_utf8(encodings::unescaped(&name)).ok();
+                let unescaped = unescaped.filter(|other| *other != name);
+                [Some(name), unescaped].into_iter().flatten()
+            })
+            .collect();
+        let likely = |name: &String| self.elsewhere(name).or_else(|| self.below(name));
+        let found = names.iter().find_map(likely).or_else(|| {
+            let others = names.iter().flat_map(|name| self.other_endings(name));
+            let others: Vec<String> = others.collect();
+            let likely = |name: &String| self.elsewhere(name).or_else(|| self.below(name));
+            others.iter().find_map(likely)
         });
         if let Some(path) = found {
             self.n_elsewhere += 1;
@@ -137,10 +170,34 @@ impl Search {
         None
     }
 
+    /// The names that an image has as a file of another kind; none for libraries.
+    fn other_endings(&self, name: &str) -> Vec<String> {
+        let (stem, ending) = match name.rsplit_once('.') {
+            Some((stem, ending)) if !stem.is_empty() && ending.len() <= 4 => (stem, ending),
+            _ => (name, ""),
+        };
+        let others = ENDINGS.iter().filter(|other| !other.eq_ignore_ascii_case(ending));
+        let is_image = self.what == "image" && !name.is_empty();
+        others.filter(|_| is_image).map(|other| format!("{stem}.{other}")).collect()
+    }
+
+    /// The only file of this name in the folders below those of the search, and in folders of images beside them.
+    fn below(&mut self, name: &str) -> Option<PathBuf> {
+        let name = folded(name.rsplit(['/', '\\']).next()?);
+        for folder in &self.folders {
+            let files = self.below.entry(folder.clone()).or_insert_with(|| list_below(folder));
+            let only = files.get(&name).filter(|found| found.n == 1 && found.path.is_file());
+            if let Some(found) = only {
+                return Some(found.path.clone());
+            }
+        }
+        None
+    }
+
     /// A file or folder of this name, in whatever case; the only tile of a set of tiles.
     fn any_case(&mut self, folder: &Path, name: &str) -> Option<PathBuf> {
         let listing = self.listings.entry(folder.to_path_buf()).or_insert_with(|| list(folder));
-        let lower = name.to_lowercase();
+        let lower = folded(name);
         if let Some(own) = listing.get(&lower) {
             return Some(folder.join(own));
         }
@@ -201,7 +258,52 @@ fn is_drive(path: &str) -> bool {
         && (bytes.len() == 2 || bytes[2] == b'/')
 }
 
-/// Names in a folder by their lower case; the first of several in the order of their bytes.
+/// A name in lower case with every accent in one form: macOS parts letters from them.
+fn folded(name: &str) -> String {
+    name.to_lowercase().nfc().collect()
+}
+
+/// Files in the folders below, by their names as `folded` has them. Links to folders are not followed.
+fn list_below(top: &Path) -> HashMap<String, Below> {
+    let is_for_images = |name: &OsStr| {
+        name.to_str().is_some_and(|name| IMAGE_FOLDERS.contains(&name.to_lowercase().as_str()))
+    };
+    let top = if top.as_os_str().is_empty() { Path::new(".") } else { top };
+    let folders = |folder: &Path| -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().take(MAX_LISTED);
+        let folders = entries.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()));
+        let names = folders.map(|entry| entry.file_name());
+        let mut names: Vec<OsString> =
+            names.filter(|name| !name.as_bytes().starts_with(b".")).collect();
+        names.sort_unstable();
+        names.iter().map(|name| folder.join(name)).collect()
+    };
+    let is_image_folder = |folder: &PathBuf| folder.file_name().is_some_and(is_for_images);
+    let beside = folders(&top.join("..")).into_iter().filter(is_image_folder);
+    let mut open: Vec<(PathBuf, usize)> =
+        folders(top).into_iter().chain(beside).map(|folder| (folder, 1)).collect();
+    let (mut out, mut at, mut n_files) = (HashMap::<String, Below>::new(), 0, 0);
+    while at < open.len().min(MAX_FOLDERS) && n_files < MAX_LISTED {
+        let (folder, depth) = open[at].clone();
+        at += 1;
+        let is_likely = is_image_folder(&folder);
+        for (name, own) in list(&folder) {
+            n_files += 1;
+            let new = Below { path: folder.join(own), is_likely, n: 1 };
+            match out.get_mut(&name) {
+                Some(known) if known.is_likely > is_likely => {}
+                Some(known) if known.is_likely == is_likely => known.n += 1,
+                _ => drop(out.insert(name, new)),
+            }
+        }
+        if depth < MAX_DEPTH {
+            open.extend(folders(&folder).into_iter().map(|folder| (folder, depth + 1)));
+        }
+    }
+    out
+}
+
+/// Names in a folder as `folded` has them; the first of several in the order of their bytes.
 fn list(folder: &Path) -> HashMap<String, OsString> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let Ok(entries) = std::fs::read_dir(folder) else { return HashMap::new() };
@@ -210,7 +312,7 @@ fn list(folder: &Path) -> HashMap<String, OsString> {
     names.sort_unstable();
     let mut out = HashMap::new();
     for name in names {
-        out.entry(encodings::name(name.as_bytes()).to_lowercase()).or_insert(name);
+        out.entry(folded(&encodings::name(name.as_bytes()))).or_insert(name);
     }
     out
 }
@@ -236,8 +338,17 @@ mod tests {
     fn files_of_other_machines_are_found_by_their_names() {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path();
-        std::fs::create_dir(folder.join("Maps")).unwrap();
+        for name in ["Maps", "Textures", "a/b", "c"] {
+            std::fs::create_dir_all(folder.join(name)).unwrap();
+        }
         for name in [
+            "cafe\u{301}.png",
+            "Textures/roof.jpg",
+            "c/roof.jpg",
+            "a/b/floor.png",
+            "c/door.png",
+            "a/door.png",
+            "stone.PNG",
             "tex.png",
             "a b.png",
             "\u{6728}.png",
@@ -262,6 +373,13 @@ mod tests {
             (b"a%20b.png", "a b.png"),
             (b"\x96\xd8.png", "\u{6728}.png"),
             (b"u.<UDIM>.png", "u.1001.png"),
+            ("caf\u{e9}.png".as_bytes(), "cafe\u{301}.png"),
+            (b"roof.jpg", "Textures/roof.jpg"),
+            (b"D:\\x\\floor.png", "a/b/floor.png"),
+            (b"stone.jpg", "stone.PNG"),
+            (b"floor.tif", "a/b/floor.png"),
+            // Which of two is meant is not known.
+            (b"door.png", "door.png"),
         ] {
             assert_eq!(search.find(written), folder.join(name), "{}", written.escape_ascii());
         }

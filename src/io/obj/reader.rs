@@ -13,7 +13,7 @@ use crate::ply::header::BYTE_ORDER_MARK;
 use crate::ply::raw::RawFile;
 use crate::ply::rows::MAX_CORNERS;
 use crate::ply::source::{Staged, TextureInfo};
-use crate::text_lines::{Lines, parse_number, parse_whole, without_comment, words};
+use crate::text_lines::{Lines, not_a_number, parse_number, parse_whole, without_comment, words};
 use std::borrow::Cow;
 use std::sync::Arc;
 use stonecut_mesh::colours::{ColourSurvey, held, is_outside};
@@ -184,10 +184,7 @@ struct Vertex {
 }
 
 /// With `skip_bad`, what is missing or not a number is NaN.
-fn vertex<'a>(
-    words: impl Iterator<Item = &'a [u8]>,
-    skip_bad: bool,
-) -> Result<Vertex, &'static str> {
+fn vertex<'a>(words: impl Iterator<Item = &'a [u8]>, skip_bad: bool) -> Result<Vertex, String> {
     let mut values = [0.0; 7];
     let mut n = 0;
     for (place, word) in values.iter_mut().zip(words) {
@@ -195,18 +192,18 @@ fn vertex<'a>(
             Some(value) => value,
             None if skip_bad => f64::NAN,
             None => {
-                return Err(
-                    "a coordinate of a vertex is not a number; repair the file, or drop such vertices and their faces with --skip-bad",
-                );
+                let remedy =
+                    "repair the file, or drop such vertices and their faces with --skip-bad";
+                return Err(not_a_number("a coordinate of a vertex", word, remedy));
             }
         };
         n += 1;
     }
     if n < 3 {
         if !skip_bad {
-            return Err(
-                "a vertex has fewer than three coordinates; repair the file, or drop such vertices and their faces with --skip-bad",
-            );
+            let what = "a vertex has fewer than three coordinates; repair the file, or drop such vertices and their \
+                        faces with --skip-bad";
+            return Err(what.to_owned());
         }
         values[n..3].fill(f64::NAN);
     }
@@ -352,10 +349,21 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
             staged.losses.lose(Loss::new(LossKind::Colors, what, why).count(n));
         }
     }
-    if let Some(n) = texture.as_ref().map(|texture| texture.n_not_finite).filter(|&n| n > 0) {
-        let what = "texture coordinates (vt)";
-        let loss = Loss::new(LossKind::TextureCoordinates, what, "not finite: OBJ and GLB get 0");
-        staged.losses.lose(loss.count(n));
+    for (n, what, why) in [
+        (
+            texture.as_ref().map_or(0, |texture| texture.n_not_finite),
+            "texture coordinates (vt)",
+            "not finite: OBJ and GLB get 0",
+        ),
+        (
+            texture.as_ref().map_or(0, |texture| texture.n_thirds),
+            "third texture coordinates (w of vt)",
+            "not carried",
+        ),
+    ] {
+        if n > 0 {
+            staged.losses.lose(Loss::new(LossKind::TextureCoordinates, what, why).count(n));
+        }
     }
     if summary.has_numbers() {
         staged.materials = Some(Arc::new(materials));

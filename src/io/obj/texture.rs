@@ -11,7 +11,7 @@ use crate::materials::{
 };
 use crate::open_options::StageOptions;
 use crate::ply::raw::{RawFile, Spool};
-use crate::text_lines::{parse_number, parse_whole};
+use crate::text_lines::{not_a_number, parse_number, parse_whole};
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use stonecut_system::disk::folder_of;
@@ -276,6 +276,8 @@ pub(super) struct TexturedFaces<'a> {
     n_coordinates: u64,
     /// Lines `vt` with a value that is not finite.
     pub(super) n_not_finite: u64,
+    /// Those with a third value besides 0.
+    pub(super) n_thirds: u64,
     /// Labels of each face: its material, and its name if there are any.
     labels: Spool,
     /// Number of the coordinates, and of the corner.
@@ -294,6 +296,7 @@ impl<'a> TexturedFaces<'a> {
             coordinates: options.spool(),
             n_coordinates: 0,
             n_not_finite: 0,
+            n_thirds: 0,
             labels: options.spool(),
             by_coordinates: options.sort(memory_bytes),
             n_corners: 0,
@@ -304,22 +307,22 @@ impl<'a> TexturedFaces<'a> {
     /// not a number is NaN.
     pub(super) fn add_coordinates<'b>(
         &mut self,
-        words: impl Iterator<Item = &'b [u8]>,
+        mut words: impl Iterator<Item = &'b [u8]>,
         skip_bad: bool,
-    ) -> Result<Result<()>, &'static str> {
+    ) -> Result<Result<()>, String> {
         let mut uv = [0.0f32; 2];
-        for (place, word) in uv.iter_mut().zip(words) {
+        for (place, word) in uv.iter_mut().zip(&mut words) {
             *place = match parse_number(word) {
                 Some(value) => value as f32,
                 None if skip_bad => f32::NAN,
                 None => {
-                    return Err(
-                        "a texture coordinate is not a number; repair the file, or use --skip-bad",
-                    );
+                    let remedy = "repair the file, or use --skip-bad";
+                    return Err(not_a_number("a texture coordinate", word, remedy));
                 }
             };
         }
         self.n_coordinates += 1;
+        self.n_thirds += u64::from(words.next().and_then(parse_number).is_some_and(|w| w != 0.0));
         self.n_not_finite += u64::from(uv.iter().any(|x| !x.is_finite()));
         Ok(self.coordinates.write(uv.map(f32::to_le_bytes).as_flattened()))
     }

@@ -2,7 +2,7 @@
 
 use super::header::Wire;
 use super::raw::RawFile;
-use super::scan::{Fault, Mark, Scan, Scanned, Window, is_no_number};
+use super::scan::{Fault, Mark, Scan, Scanned, Window, comma_advice, in_other_notation};
 use stonecut_mesh::property::Scalar;
 
 /// No number is written with more characters than this.
@@ -94,7 +94,8 @@ impl<'a> AsciiScan<'a> {
         let value = parse(token);
         if value.is_none() {
             let text: String = token.iter().take(40).map(|&b| printable(b)).collect();
-            return Err(Fault::Text(format!("'{text}' is not {wanted}")));
+            let advice = comma_advice(token);
+            return Err(Fault::Text(format!("'{text}' is not {wanted}{advice}")));
         }
         self.window.at += length;
         value.ok_or(Fault::End)
@@ -204,7 +205,7 @@ fn parse_float<T: std::str::FromStr + From<f32>>(token: &[u8]) -> Option<T> {
     if let Ok(value) = text.parse::<T>() {
         return Some(value);
     }
-    is_no_number(text).then(|| T::from(f32::NAN))
+    in_other_notation(text)
 }
 
 #[cfg(test)]
@@ -226,6 +227,11 @@ mod tests {
         assert!(parse_float::<f32>(b"-1.#IND00").is_some_and(f32::is_nan));
         assert!(parse_float::<f32>(b"-nan(ind)").is_some_and(f32::is_nan));
         assert_eq!(parse_float::<f32>(b"1,5"), None);
+        assert_eq!(parse_float::<f32>(b"1.5D+03"), Some(1500.0));
+        assert_eq!(parse_float::<f64>(b"-.5d-1"), Some(-0.05));
+        for wrong in [&b"d3"[..], b"infd", b"1.5D", b"1D2D3"] {
+            assert_eq!(parse_float::<f64>(wrong), None, "{wrong:?}");
+        }
     }
 
     #[test]

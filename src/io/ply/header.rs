@@ -145,6 +145,35 @@ impl Element {
         })
     }
 
+    /// Gives names that differ from known ones in case only their usual form, group by group.
+    fn spell_as_known(&mut self) {
+        const KNOWN: [&[&str]; 12] = [
+            &["x", "y", "z"],
+            &["nx", "ny", "nz"],
+            &["red", "green", "blue"],
+            &["diffuse_red", "diffuse_green", "diffuse_blue"],
+            &["r", "g", "b"],
+            &["alpha"],
+            &["s", "t"],
+            &["u", "v"],
+            &["texture_u", "texture_v"],
+            &["vertex_indices"],
+            &["vertex_index"],
+            &["texcoord"],
+        ];
+        if ["vertex", "face"].contains(&self.name.to_ascii_lowercase().as_str()) {
+            self.name.make_ascii_lowercase();
+        }
+        for group in KNOWN {
+            let place =
+                |name: &str| self.properties.iter().position(|p| p.name.eq_ignore_ascii_case(name));
+            let places: Vec<usize> = group.iter().filter_map(|name| place(name)).collect();
+            if places.len() == group.len() {
+                places.into_iter().for_each(|i| self.properties[i].name.make_ascii_lowercase());
+            }
+        }
+    }
+
     /// The corner list of a face or strip.
     pub fn index_list(&self) -> Option<usize> {
         self.properties.iter().position(|p| {
@@ -288,6 +317,7 @@ impl<'a> Parser<'a> {
                 }
             }
         }
+        header.elements.iter_mut().for_each(Element::spell_as_known);
         header.encoding = encoding.ok_or_else(|| self.bad("the line 'format' is missing"))?;
         header.body_offset = self.at as u64;
         header.n_lines = self.line;

@@ -1,7 +1,7 @@
 //! Parts of a PLY file that the mesh does not have, and parts that are given up when it is opened.
 
 use super::source::MeshSource;
-use crate::names::{NameTable, NameUse, OBJECT, is_name};
+use crate::names::{Name, NameTable, NameUse, OBJECT, is_name};
 use stonecut_system::losses::{Ledger, Loss, LossKind};
 
 impl MeshSource {
@@ -17,6 +17,17 @@ impl MeshSource {
         if !reason.is_empty() {
             self.staged.losses.lose(names.loss(reason));
         }
+    }
+
+    /// Names of objects and groups: `object`, `group` or `object / group`.
+    pub fn names(&self) -> Vec<String> {
+        let (names, _) = NameTable::of(&self.header.comments).ranked();
+        let shown = |name: Name| match (name.object.as_str(), name.group.as_str()) {
+            (object, "") => object.to_owned(),
+            ("", group) => group.to_owned(),
+            (object, group) => format!("{object} / {group}"),
+        };
+        names.into_iter().map(shown).collect()
     }
 
     /// Parts of the file that the mesh does not have.

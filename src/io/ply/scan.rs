@@ -79,9 +79,28 @@ pub trait Scan {
     }
 }
 
+/// A number in the notation of Fortran (`1.5D+03`), or NaN for a name of C's libraries for what is not a number.
+pub fn in_other_notation<T: std::str::FromStr + From<f32>>(text: &str) -> Option<T> {
+    let is_number = |text: &&str| {
+        text.starts_with(|c: char| c == '.' || c == '-' || c == '+' || c.is_ascii_digit())
+    };
+    let exponent = text.find(['d', 'D']).filter(|_| is_number(&text));
+    let known = exponent.and_then(|at| format!("{}e{}", &text[..at], &text[at + 1..]).parse().ok());
+    known.or_else(|| is_no_number(text).then(|| T::from(f32::NAN)))
+}
+
+/// Advice for a text that would be a number with a point for its comma; empty for any other.
+pub fn comma_advice(token: &[u8]) -> &'static str {
+    let text = String::from_utf8_lossy(token);
+    match text.contains(',') && text.replacen(',', ".", 1).parse::<f64>().is_ok() {
+        true => ": it has a decimal comma (write points, as with sed 's/,/./g')",
+        false => "",
+    }
+}
+
 /// Returns whether text is one of the names that libraries of C give to what is not a number: `-nan(ind)`, `1.#QNAN`,
 /// `-1.#IND00`, `1.#J`.
-pub fn is_no_number(text: &str) -> bool {
+fn is_no_number(text: &str) -> bool {
     let lower = text.to_ascii_lowercase();
     let bare = lower.trim_start_matches(['-', '+']);
     let is_named = ["nan", "qnan", "snan", "1.#i", "1.#q", "1.#s", "1.#j", "1.#r", "1.#n"];

@@ -7,7 +7,7 @@ use crate::ply::header::BYTE_ORDER_MARK;
 use crate::ply::raw::RawFile;
 use crate::ply::source::Staged;
 use crate::polygon::PolygonCutter;
-use crate::text_lines::{Lines, parse_number, words};
+use crate::text_lines::{Lines, not_a_number, parse_number, words};
 use stonecut_mesh::property::Scalar;
 use stonecut_system::error::Result;
 use stonecut_system::losses::{Loss, LossKind};
@@ -127,10 +127,9 @@ pub fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawFile, St
                     Some(value) => value,
                     None if options.read.skip_bad => f64::NAN,
                     None => {
-                        return Err(lines.bad(
-                            "a coordinate of a vertex is not a number; repair the file, or drop such facets \
-                             with --skip-bad",
-                        ));
+                        let remedy = "repair the file, or drop such facets with --skip-bad";
+                        let what = "a coordinate of a vertex";
+                        return Err(lines.bad(not_a_number(what, token, remedy)));
                     }
                 };
                 awaited -= 1;

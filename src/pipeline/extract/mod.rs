@@ -15,7 +15,7 @@ use crate::kernel::{self, Fit, Options, Stop};
 use crate::mesh::bounds::Bounds;
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
-use crate::system::losses::Ledger;
+use crate::system::losses::{Ledger, Loss, LossKind};
 use crate::system::memory::BASE_BYTES;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
@@ -113,6 +113,10 @@ fn run(config: &ExtractConfig, progress: &Progress) -> Result<Extracted> {
     progress.check()?;
     let (bytes, losses) = write(config, &joined, &rows, tree.step)?;
     progress.lose_all(&losses);
+    if tree.has_normals {
+        let loss = Loss::new(LossKind::Normals, "normals", "not carried from tiles").notice();
+        progress.lose(loss.remedy("programs compute them from the surface"));
+    }
     Ok(Extracted {
         vertices: joined.mesh.positions.len() as u64,
         triangles: joined.mesh.triangles.len() as u64,

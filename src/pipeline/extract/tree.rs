@@ -50,6 +50,8 @@ pub(super) struct Tree {
     pub(super) origin: [f64; 3],
     /// Length of a step of level 0.
     pub(super) step: f64,
+    /// True if normals are those of the input.
+    pub(super) has_normals: bool,
     /// Properties of vertices that tiles have as attributes.
     pub(super) scalars: Vec<TileScalar>,
 }
@@ -99,7 +101,8 @@ impl Tree {
         let is_z_up = facts["up"].as_str() != Some("y");
         let mut reader = TreeReader { folder, is_z_up, nodes: Vec::new(), facts: BTreeMap::new() };
         reader.tile(FILE_NAME, &set.root, (None, 0))?;
-        let mut tree = Tree { origin: [x, y, z], step, scalars, ..Tree::default() };
+        let has_normals = facts["normals"].as_str() == Some("given");
+        let mut tree = Tree { origin: [x, y, z], step, has_normals, scalars, ..Tree::default() };
         let TreeReader { mut nodes, facts, .. } = reader;
         let numbers: BTreeMap<(u32, u32), usize> = facts.keys().copied().zip(0..).collect();
         tree.groups = facts

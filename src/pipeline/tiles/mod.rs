@@ -28,7 +28,7 @@ use crate::error::{Error, Result};
 use crate::io::materials::all_missing;
 use crate::io::ply::MeshSource;
 use crate::io::tileset::{FILE_NAME, OWN_PAGES, TileTree, TreeFiles, write_tilesets};
-use crate::io::{NUMBER, lost_comments};
+use crate::io::{NUMBER, find3, lost_comments};
 use crate::kernel;
 use crate::mesh::codec::ChannelKind;
 use crate::mesh::colours::ColourPlace;
@@ -89,7 +89,8 @@ fn run(
     input_marks.insert("vertices".to_owned(), source.n_vertices().to_string());
     input_marks.insert("faces".to_owned(), source.n_face_rows().to_string());
     let input = std::path::absolute(&config.input).unwrap_or_else(|_| config.input.clone());
-    let (scalars, lost) = tiles::carried_scalars(&layout(&source, textured).schema);
+    let schema = layout(&source, textured).schema;
+    let (scalars, lost) = tiles::carried_scalars(&schema);
     let mut settings = config.settings();
     if !scalars.is_empty() {
         // Builds that do not carry them cannot go on with the job, nor this one with theirs.
@@ -206,6 +207,9 @@ fn run(
     }
     if config.viewer {
         tree.extras["stonecut"][OWN_PAGES] = TreeFiles::page_list(&viewer::FILES);
+    }
+    if find3(&schema, ["nx", "ny", "nz"]).is_some() {
+        tree.extras["stonecut"]["normals"] = "given".into();
     }
     if !scalars.is_empty() {
         tree.extras["stonecut"]["scalars"] = json!(scalars);

@@ -1,0 +1,181 @@
+//! What is nearly as formats say: names in another case, numbers in another notation, images in another place; and small
+//! things that no output has, which are named.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use crate::common::{expect, json, run};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// A triangle in a PLY file with three bytes at every vertex.
+fn ply(path: &Path, places: [&str; 3], colours: [&str; 3], rows: [&str; 3]) {
+    let property = |kind: &str, names: [&str; 3]| -> String {
+        names.iter().map(|name| format!("property {kind} {name}\n")).collect()
+    };
+    let text = format!(
+        "ply\nformat ascii 1.0\nelement vertex 3\n{}{}element face 1\n\
+         property list uchar int vertex_indices\nend_header\n{}\n3 0 1 2\n",
+        property("float", places),
+        property("uchar", colours),
+        rows.join("\n")
+    );
+    std::fs::write(path, text).unwrap();
+}
+
+const ROWS: [&str; 3] = ["0 0 0 255 0 0", "1 0 0 255 0 0", "0 1 0 255 0 0"];
+
+#[test]
+fn names_of_properties_in_any_case_are_known() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for places in [["x", "y", "z"], ["X", "Y", "Z"]] {
+        for colours in [
+            ["Red", "Green", "Blue"],
+            ["RED", "GREEN", "BLUE"],
+            ["R", "G", "B"],
+            ["r", "g", "b"],
+            ["Diffuse_Red", "Diffuse_Green", "Diffuse_Blue"],
+        ] {
+            ply(&at.join("in.ply"), places, colours, ROWS);
+            let said = expect(at, "convert in.ply out.obj --force", 0);
+            assert!(!said.contains("lost"), "{colours:?}\n{said}");
+            let text = std::fs::read_to_string(at.join("out.obj")).unwrap();
+            assert!(text.contains("v 1 0 0 1 0 0"), "{colours:?}\n{text}");
+        }
+    }
+    // One letter alone is not a colour.
+    ply(&at.join("in.ply"), ["x", "y", "z"], ["R", "label", "q"], ROWS);
+    expect(at, "convert in.ply out.ply --force", 0);
+    let bytes = std::fs::read(at.join("out.ply")).unwrap();
+    assert!(String::from_utf8_lossy(&bytes).contains("property uchar R\n"));
+}
+
+#[test]
+fn numbers_in_other_notations_are_read_or_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let colours = ["red", "green", "blue"];
+    ply(
+        &at.join("in.ply"),
+        ["x", "y", "z"],
+        colours,
+        ["0 0 0 1 1 1", "1.5D+03 0 0 1 1 1", "0 -2d-1 0 1 1 1"],
+    );
+    std::fs::write(at.join("in.obj"), "v 0 0 0\nv 1.5D+03 0 0\nv 0 -2d-1 0\nf 1 2 3\n").unwrap();
+    let facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1.5D+03 0 0\nvertex 0 -2d-1 0\nendloop\nendfacet\n";
+    std::fs::write(at.join("in.stl"), format!("solid a\n{facet}endsolid a\n")).unwrap();
+    for input in ["in.ply", "in.obj", "in.stl"] {
+        expect(at, &format!("convert {input} out.obj --force"), 0);
+        let text = std::fs::read_to_string(at.join("out.obj")).unwrap();
+        assert!(text.contains("v 1500 0 0") && text.contains("v 0 -0.2 0"), "{input}\n{text}");
+        let comma = std::fs::read_to_string(at.join(input)).unwrap().replace("1.5D+03", "1,5");
+        std::fs::write(at.join(input), comma).unwrap();
+        let said = expect(at, &format!("convert {input} out.obj --force"), 4);
+        assert!(said.contains("decimal comma") && said.contains("sed"), "{input}\n{said}");
+    }
+}
+
+/// A triangle with coordinates and a material, and a red image at `place`.
+fn textured(at: &Path, named: &str, place: &str) {
+    let obj = "mtllib in.mtl\no left\ng wall\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0 0.5\nvt 1 0\nvt 0 1 0\nusemtl m\n\
+        f 1/1 2/2 3/3\no right\nv 5 0 0\nv 6 0 0\nv 5 1 0\nf 4/1 5/2 6/3\n";
+    std::fs::write(at.join("in.obj"), obj).unwrap();
+    std::fs::write(at.join("in.mtl"), format!("newmtl m\nmap_Kd {named}\n")).unwrap();
+    let path = at.join(place);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    image::RgbImage::from_pixel(4, 4, image::Rgb([200, 30, 30])).save(path).unwrap();
+}
+
+#[test]
+fn images_in_folders_below_and_of_another_kind_are_taken_with_a_line() {
+    for (named, place) in [
+        ("wall.png", "model/textures/wall.png"),
+        ("wall.png", "textures/wall.png"),
+        ("wall.png", "model/any/where/wall.png"),
+        ("wall.jpg", "model/wall.png"),
+        ("wall", "model/wall.png"),
+        ("D:\\scan\\wall.tif", "model/tex/wall.png"),
+        ("caf\u{e9}.png", "model/cafe\u{301}.png"),
+        ("cafe\u{301}.png", "model/caf\u{e9}.png"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let (at, model) = (folder.path(), folder.path().join("model"));
+        std::fs::create_dir(&model).unwrap();
+        textured(&model, named, &format!("../{place}"));
+        let said = expect(at, "convert model/in.obj out.glb", 0);
+        assert!(said.contains("is not there under this name"), "{named} {place}\n{said}");
+        // A document that names it by a path.
+        let done = run(at, "convert model/in.obj model/out.obj --textures none");
+        assert!(done.status.success());
+        let document = json!({
+            "asset": { "version": "2.0", "extras": { "author": "Ada" } }, "scene": 0,
+            "scenes": [{ "nodes": [0], "extras": { "seen": 1 } }],
+            "nodes": [{ "name": "n", "mesh": 0, "extras": { "room": "7" } }],
+            "meshes": [{ "extras": { "a": 1 }, "primitives": [{ "attributes": { "POSITION": 0, "TEXCOORD_0": 1 },
+                "material": 0 }] }],
+            "materials": [{ "extras": { "b": 2 }, "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }],
+            "textures": [{ "source": 0 }], "images": [{ "uri": named }],
+            "accessors": [
+                { "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3" },
+                { "bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC2" },
+            ],
+            "bufferViews": [{ "buffer": 0, "byteLength": 36 }, { "buffer": 0, "byteOffset": 36, "byteLength": 24 }],
+            "buffers": [{ "uri": "in.bin", "byteLength": 60 }],
+        });
+        std::fs::write(model.join("in.gltf"), document.to_string()).unwrap();
+        let numbers = [0., 0., 0., 1., 0., 0., 0., 1., 0., 0., 0., 1., 0., 0., 1.];
+        let bytes: Vec<u8> = numbers.iter().flat_map(|x: &f32| x.to_le_bytes()).collect();
+        std::fs::write(model.join("in.bin"), bytes).unwrap();
+        let said = expect(at, "convert model/in.gltf gltf.glb --report r.json", 0);
+        assert!(said.contains("is not there under this name"), "{named} {place}\n{said}");
+        let losses = json(at, "r.json")["losses"].to_string();
+        for what in ["nodes", "meshes", "materials", "scenes"] {
+            assert!(losses.contains(&format!("extras of {what}")), "{what}\n{losses}");
+        }
+        let kept = crate::common::glb_json(&at.join("gltf.glb"))["asset"]["extras"].to_string();
+        assert!(kept.contains("author: Ada"), "{kept}");
+    }
+    // Which of two is meant is not known.
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    textured(at, "wall.png", "a/wall.png");
+    textured(at, "wall.png", "b/wall.png");
+    expect(at, "convert in.obj out.glb", 3);
+}
+
+#[test]
+fn third_coordinates_are_named_and_objects_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    textured(at, "wall.png", "wall.png");
+    let said = expect(at, "convert in.obj out.glb", 0);
+    assert!(said.contains("third texture coordinates (w of vt): not carried"), "{said}");
+    for file in ["in.obj", "out.glb"] {
+        let listed: Value =
+            serde_json::from_slice(&run(at, &format!("info --json {file}")).stdout).unwrap();
+        assert_eq!(listed["names"], json!(["left / wall", "right"]), "{file}");
+        assert!(!listed["face_properties"].to_string().contains("objectnumber"));
+        let shown = String::from_utf8(run(at, &format!("info {file}")).stdout).unwrap();
+        assert!(shown.contains("2: left / wall, right"), "{shown}");
+    }
+}
+
+#[test]
+fn normals_of_the_input_are_named_by_extract() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    std::fs::write(at.join("in.obj"), obj).unwrap();
+    expect(at, "convert in.obj plain.ply", 0);
+    ply(
+        &at.join("given.ply"),
+        ["x", "y", "z"],
+        ["nx", "ny", "nz"],
+        ["0 0 0 0 0 1", "1 0 0 0 0 1", "0 1 0 0 0 1"],
+    );
+    for (name, is_named) in [("plain", false), ("given", true)] {
+        expect(at, &format!("tiles {name}.ply {name}"), 0);
+        let said = expect(at, &format!("extract {name} {name}.obj --max-error 0"), 0);
+        assert_eq!(said.contains("normals: not carried from tiles"), is_named, "{said}");
+    }
+}
