@@ -163,9 +163,10 @@ fn add(path: &Path, set: &mut InputSet) -> Result<()> {
         };
     }
     if is_tree(path) {
-        let InputSet { parts, found_in, .. } = trees::parts_of(path)?;
+        let InputSet { parts, found_in, losses, .. } = trees::parts_of(path)?;
         set.parts.extend(parts);
         set.found_in.extend(found_in);
+        set.losses.merge(&losses);
         return Ok(());
     }
     set.parts.push(MeshPart::of(path));

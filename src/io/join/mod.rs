@@ -2,7 +2,11 @@
 //!
 //! Everything behind sees one `MeshSource` (docs/design/inputs.md).
 
+mod affine;
+mod contents;
+mod implicit;
 mod inputs;
+mod tree_folder;
 mod trees;
 
 pub use inputs::InputPaths;
@@ -10,6 +14,7 @@ pub use inputs::InputPaths;
 use std::ops::Range;
 use std::path::PathBuf;
 use stonecut_mesh::placing::Placing;
+use stonecut_system::losses::Ledger;
 
 /// One mesh file of several that become one.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,4 +43,6 @@ pub struct InputSet {
     pub found_in: Vec<PathBuf>,
     /// Files that were named more than once, and are taken once.
     pub repeated: Vec<PathBuf>,
+    /// Parts of trees that are not read.
+    pub losses: Ledger,
 }
