@@ -10,6 +10,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 const BAR_INTERVAL: Duration = Duration::from_millis(100);
+/// Steps of the bar, from nothing to all.
+const BAR_STEPS: u64 = 1000;
 const LINE_INTERVAL: Duration = Duration::from_secs(10);
 /// The beat of `--progress json`, which docs/report.md promises.
 const JSON_INTERVAL: Duration = Duration::from_secs(1);
@@ -28,7 +30,8 @@ pub fn watch<T>(talk: &Talk, progress: &Progress, log: &mut Log, work: impl FnOn
     }
     let is_over = AtomicBool::new(false);
     std::thread::scope(|scope| {
-        let display = || Display::new(show, log).run(progress, &is_over);
+        let pace = Pace::expecting(progress.expected_seconds());
+        let display = || Display::new(show, log, pace).run(progress, &is_over);
         let Ok(watcher) = std::thread::Builder::new().spawn_scoped(scope, display) else {
             // No memory for a thread: the work may still succeed without being watched.
             return work();
@@ -40,6 +43,7 @@ pub fn watch<T>(talk: &Talk, progress: &Progress, log: &mut Log, work: impl FnOn
         let _ = watcher.join();
         // The next command of the demo begins with no stage.
         progress.begin("", 0, 0, 0);
+        progress.expect(0.0);
         outcome.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })
 }
@@ -53,11 +57,11 @@ struct Display<'a> {
 }
 
 impl<'a> Display<'a> {
-    fn new(show: Show, log: &'a mut Log) -> Self {
+    fn new(show: Show, log: &'a mut Log, pace: Pace) -> Self {
         let bar = if show == Show::Bar { ProgressBar::new(0) } else { ProgressBar::hidden() };
         let style = ProgressStyle::with_template("{prefix} [{bar:32}] {percent:>3}% {msg}");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        Display { show, log, bar, pace: Pace::default(), last_line: None }
+        Display { show, log, bar, pace, last_line: None }
     }
 
     fn run(mut self, progress: &Progress, is_over: &AtomicBool) {
@@ -97,16 +101,15 @@ impl<'a> Display<'a> {
             true => String::new(),
             false => format!("{} triangles/s, ", show_count(per_second as u64)),
         };
+        // Of the whole run, never all of it while it goes on; the same for the time.
+        let percent = (100.0 * fraction).floor();
+        let left = seconds_left.ceil().max(1.0);
         let memory = crate::system::memory::resident_bytes();
         if self.show == Show::Bar {
             self.bar.set_prefix(format!("{}/{} {:11}", stage.number, stage.n_stages, stage.name));
-            self.bar.set_length(stage.total.max(1));
-            self.bar.set_position(done);
-            self.bar.set_message(format!(
-                "{rate}{:.0} s left, {}",
-                seconds_left,
-                show_bytes(memory)
-            ));
+            self.bar.set_length(BAR_STEPS);
+            self.bar.set_position((fraction * BAR_STEPS as f64) as u64);
+            self.bar.set_message(format!("{rate}{left} s left, {}", show_bytes(memory)));
             return;
         }
         let interval = if self.show == Show::Json { JSON_INTERVAL } else { LINE_INTERVAL };
@@ -124,12 +127,10 @@ impl<'a> Display<'a> {
             self.log.event("progress", fields);
         } else {
             let line = format!(
-                "{seconds:7.1} s  {}/{} {:11} {:3.0} %  {rate}{:.0} s left, {}",
+                "{seconds:7.1} s  {}/{} {:11} {percent:3.0} %  {rate}{left:.0} s left, {}",
                 stage.number,
                 stage.n_stages,
                 stage.name,
-                100.0 * done as f64 / stage.total.max(1) as f64,
-                seconds_left,
                 show_bytes(memory)
             );
             self.log.say(line);

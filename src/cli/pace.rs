@@ -5,15 +5,16 @@
 use crate::system::progress::Stage;
 use std::time::Instant;
 
-/// Start of the estimate: this many weighted triangles, assumed to have been done in this many seconds before
-/// the run began. Without it, the first second's estimate would be any number.
-const ASSUMED_WEIGHT: f64 = 4e6;
-const ASSUMED_SECONDS: f64 = 1.5;
-/// A stage is taken to have gone for this many seconds at the pace of those before it: within a bound on the error it is twenty
-/// times as slow as they were, and soon shows it.
-const HANDED_ON_SECONDS: f64 = 1.5;
-/// Neither counts for more than this share of the triangles: many samples of a small mesh take long, too.
-const MOST_ASSUMED: f64 = 0.03;
+/// Seconds for a weighted triangle where no plan says what to expect.
+const ASSUMED_PACE: f64 = 0.375e-6;
+/// Weight of the plan against measurements: as much as this share of a run, or of a stage, that was measured. Where a stage shows itself to be much
+/// slower than expected, that counts for less.
+const EXPECTED_SHARE: f64 = 0.1;
+/// Something is always left while the work goes on: this share of the stage's time so far, and this many seconds.
+const LEAST_LEFT: f64 = 0.05;
+const LEAST_SECONDS_LEFT: f64 = 0.1;
+/// Share that a run at work has done at most.
+const MOST_DONE: f64 = 0.995;
 
 /// Relative cost of a triangle in each stage, for the overall estimate only.
 fn weight(stage: &str) -> f64 {
@@ -36,14 +37,25 @@ const HEAD_START: f64 = 0.05;
 #[derive(Debug)]
 pub struct Pace {
     started: Instant,
+    /// Beginning of the first stage.
+    began: Option<Instant>,
     stage: Stage,
     /// The last look at the stage before: it began after that.
     stage_started: Instant,
     looked_at: Instant,
     /// Since when the stage counts in its present units.
     part_started: Instant,
+    /// Units that an earlier process had done, or that were done at the first look.
+    given: u64,
+    /// Units at the last change of the count, and its time: cells are counted when they are whole.
+    counted: u64,
+    counted_at: Instant,
     /// Weighted triangles of stages that are over.
     weight_done: f64,
+    /// Those of the whole run, as the first stage lets expect.
+    whole_weight: f64,
+    /// Seconds that the plan expects.
+    expected: Option<f64>,
     /// The largest share so far: it never falls.
     fraction: f64,
 }
@@ -67,73 +79,120 @@ pub struct Figures {
 
 impl Default for Pace {
     fn default() -> Pace {
-        let now = Instant::now();
-        Pace {
-            started: now,
-            stage: Stage::default(),
-            stage_started: now,
-            looked_at: now,
-            part_started: now,
-            weight_done: 0.0,
-            fraction: 0.0,
-        }
+        Pace::expecting(None)
     }
 }
 
 impl Pace {
-    /// The figures of a running stage with `done` triangles done, and whether it is another stage than before.
-    pub fn update(&mut self, stage: Stage, done: u64) -> (Figures, bool) {
+    /// A clock that starts now; `seconds` are what the plan expects of the whole run.
+    pub fn expecting(seconds: Option<f64>) -> Pace {
+        let now = Instant::now();
+        Pace {
+            started: now,
+            began: None,
+            stage: Stage::default(),
+            stage_started: now,
+            looked_at: now,
+            part_started: now,
+            given: 0,
+            counted: 0,
+            counted_at: now,
+            weight_done: 0.0,
+            whole_weight: 0.0,
+            expected: seconds.filter(|seconds| *seconds > 0.0),
+            fraction: 0.0,
+        }
+    }
+
+    /// Takes notice of the count of a stage; true if it is another one than before.
+    fn look(&mut self, stage: Stage, done: u64) -> bool {
         let is_new = stage.number != self.stage.number;
+        let is_first = self.began.is_none();
         if is_new {
             self.weight_done += self.stage.total as f64 * weight(self.stage.name);
             self.stage_started = self.looked_at;
+            self.began.get_or_insert(self.looked_at);
         }
-        self.looked_at = Instant::now();
+        let now = Instant::now();
         if is_new || stage.total != self.stage.total {
-            self.part_started = Instant::now();
+            self.part_started = if is_new { self.looked_at } else { now };
+            (self.given, self.counted, self.counted_at) = (done, done, self.part_started);
         }
+        if done != self.counted {
+            (self.counted, self.counted_at) = (done, now);
+        }
+        self.looked_at = now;
         self.stage = stage;
-        let stage = &self.stage;
-        let own_seconds = self.stage_started.elapsed().as_secs_f64();
+        if is_first {
+            self.whole_weight =
+                self.stage.total as f64 * weight(self.stage.name) + self.weight_ahead();
+        }
+        is_new
+    }
+
+    /// Share of the weighted triangles of a run, for whoever did not see how long they took.
+    pub(super) fn counted_share(&mut self, stage: Stage, done: u64) -> f64 {
+        self.look(stage, done);
+        let own = weight(self.stage.name);
+        let so_far = self.weight_done + done.min(self.stage.total) as f64 * own;
+        let left = self.stage.total.saturating_sub(done) as f64 * own + self.weight_ahead();
+        (so_far / (so_far + left).max(1.0)).min(MOST_DONE)
+    }
+
+    /// The figures of a running stage with `done` triangles done, and whether it is another stage than before.
+    pub fn update(&mut self, stage: Stage, done: u64) -> (Figures, bool) {
         let done = done.min(stage.total);
-        let weighted = done as f64 * weight(stage.name);
-        let stage_left = (stage.total - done) as f64 * weight(stage.name);
-        let ahead = self.weight_ahead();
-        let left = stage_left + ahead;
-        let so_far = self.weight_done + weighted;
+        let is_new = self.look(stage, done);
         let seconds = self.started.elapsed().as_secs_f64();
-        self.fraction = self.fraction.max(so_far / (so_far + left).max(1.0));
-        let (stage_seconds_left, seconds_left) = match has_own_pace(stage.name) {
+        let (stage_seconds_left, seconds_left) = match has_own_pace(self.stage.name) {
             true => {
-                let total = stage.total.max(1) as f64;
+                let total = self.stage.total.max(1) as f64;
                 let per_unit =
                     self.part_started.elapsed().as_secs_f64() / (done as f64 + HEAD_START * total);
-                let left = per_unit * (stage.total - done) as f64;
+                let left = per_unit * (self.stage.total - done) as f64;
                 (left, left)
             }
-            false => {
-                // Seconds for a weighted triangle.
-                let assumed = ASSUMED_SECONDS / ASSUMED_WEIGHT;
-                let pace = |seconds: f64, weight: f64, all: f64| {
-                    let extra = ASSUMED_WEIGHT.min(MOST_ASSUMED * all);
-                    (seconds + assumed * extra) / (weight + extra).max(1.0)
-                };
-                let before = pace(seconds - own_seconds, self.weight_done, f64::INFINITY);
-                let most = MOST_ASSUMED * (weighted + stage_left);
-                let handed_on = (HANDED_ON_SECONDS / before).min(most).max(1.0);
-                let own = (own_seconds + before * handed_on) / (weighted + handed_on);
-                (stage_left * own, stage_left * own + ahead * pace(seconds, so_far, so_far + left))
-            }
+            false => self.seconds_left(),
         };
+        let least = self.part_started.elapsed().as_secs_f64() * LEAST_LEFT;
+        let least = least.max(LEAST_SECONDS_LEFT);
+        let stage_seconds_left = stage_seconds_left.max(least);
+        let seconds_left = seconds_left.max(stage_seconds_left);
+        self.fraction = self.fraction.max((seconds / (seconds + seconds_left)).min(MOST_DONE));
+        let own_seconds = self.stage_started.elapsed().as_secs_f64();
         let figures = Figures {
             done,
-            per_second: done as f64 / own_seconds.max(1e-3),
+            per_second: done.saturating_sub(self.given) as f64 / own_seconds.max(1e-3),
             fraction: self.fraction,
             seconds,
             stage_seconds_left,
             seconds_left,
         };
         (figures, is_new)
+    }
+
+    /// Seconds left of the stage, and of the run.
+    fn seconds_left(&self) -> (f64, f64) {
+        let stage = &self.stage;
+        let since = |from: Instant, to: Instant| to.saturating_duration_since(from).as_secs_f64();
+        let expected = self.expected.map_or(ASSUMED_PACE, |all| all / self.whole_weight.max(1.0));
+        let trusted = EXPECTED_SHARE * self.whole_weight;
+        let over = self.began.map_or(0.0, |began| since(began, self.stage_started));
+        let pace = |seconds: f64, weight: f64| {
+            (expected * trusted + seconds) / (trusted + weight).max(1.0)
+        };
+        let all = stage.total.saturating_sub(self.given) as f64;
+        let own_weight = weight(stage.name) * all;
+        let of_stage = pace(over, self.weight_done) * own_weight;
+        let share = self.counted.saturating_sub(self.given) as f64 / all.max(1.0);
+        let measured = since(self.part_started, self.counted_at);
+        let slower = (share * of_stage / measured.max(1e-9)).min(1.0);
+        let trust = EXPECTED_SHARE * if share > 0.0 { slower } else { 1.0 };
+        let whole = (trust * of_stage + measured) / (trust + share).max(1e-9);
+        // Since the last count some of what is left has been done.
+        let left = ((1.0 - share) * whole - since(self.counted_at, Instant::now())).max(0.0);
+        let later = pace(over + measured, self.weight_done + share * own_weight);
+        (left, left + self.weight_ahead() * later)
     }
 
     /// Weighted triangles of stages to come: they are taken to be as small as this one is, weighted by kind.
@@ -154,62 +213,113 @@ impl Pace {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::Duration;
+
+    fn stage(name: &'static str, number: u32, n_stages: u32, total: u64) -> Stage {
+        Stage { name, number, n_stages, total }
+    }
+
+    /// Lets time pass.
+    fn wait(pace: &mut Pace, seconds: u64) {
+        let back = |at: &mut Instant| *at -= Duration::from_secs(seconds);
+        pace.began.iter_mut().for_each(back);
+        for at in [
+            &mut pace.started,
+            &mut pace.stage_started,
+            &mut pace.looked_at,
+            &mut pace.part_started,
+            &mut pace.counted_at,
+        ] {
+            back(at);
+        }
+    }
 
     #[test]
     fn a_bake_tells_what_it_has_left_by_its_own_pace() {
-        let stage = |total| Stage { name: "bake", number: 7, n_stages: 7, total };
+        let bake = |total| stage("bake", 7, 7, total);
         let mut pace = Pace::default();
-        pace.update(stage(1_000_000), 1_000_000);
+        pace.update(bake(1_000_000), 1_000_000);
         // From here it counts in other units.
-        pace.update(stage(1000), 0);
-        pace.part_started -= std::time::Duration::from_secs(100);
-        let (figures, _) = pace.update(stage(1000), 200);
+        pace.update(bake(1000), 0);
+        wait(&mut pace, 100);
+        let (figures, _) = pace.update(bake(1000), 200);
         let expected = 100.0 / 250.0 * 800.0;
         assert!((figures.seconds_left - expected).abs() < 1.0, "{}", figures.seconds_left);
     }
 
     #[test]
     fn a_stage_that_is_slower_than_those_before_soon_says_so() {
-        let stage = |name, number, total| Stage { name, number, n_stages: 3, total };
-        let back = std::time::Duration::from_secs;
         let mut pace = Pace::default();
-        pace.update(stage("partition", 1, 64_000_000), 64_000_000);
-        pace.started -= back(8);
-        pace.update(stage("simplify", 2, 64_000_000), 0);
+        pace.update(stage("partition", 1, 3, 64_000_000), 0);
+        wait(&mut pace, 8);
+        pace.update(stage("partition", 1, 3, 64_000_000), 64_000_000);
+        pace.update(stage("simplify", 2, 3, 64_000_000), 0);
         // A tenth of it in 40 seconds.
-        (pace.started, pace.stage_started) =
-            (pace.started - back(40), pace.stage_started - back(40));
-        let (figures, _) = pace.update(stage("simplify", 2, 64_000_000), 6_400_000);
+        wait(&mut pace, 40);
+        let (figures, _) = pace.update(stage("simplify", 2, 3, 64_000_000), 6_400_000);
         let expected = 9.0 * 40.0;
         let says = [figures.stage_seconds_left, figures.seconds_left];
-        assert!(says.iter().all(|s| (0.5 * expected..1.5 * expected).contains(s)), "{says:?}");
+        assert!(says.iter().all(|s| (0.7 * expected..1.3 * expected).contains(s)), "{says:?}");
     }
 
     #[test]
     fn many_samples_of_a_small_mesh_take_long() {
-        let stage = Stage { name: "measure", number: 1, n_stages: 1, total: 100_000 };
+        let measure = stage("measure", 1, 1, 100_000);
         let mut pace = Pace::default();
-        pace.update(stage.clone(), 0);
-        let back = std::time::Duration::from_secs(100);
-        (pace.started, pace.stage_started) = (pace.started - back, pace.stage_started - back);
-        let (figures, _) = pace.update(stage, 35_000);
+        pace.update(measure.clone(), 0);
+        wait(&mut pace, 100);
+        let (figures, _) = pace.update(measure, 35_000);
         assert!((150.0..200.0).contains(&figures.seconds_left), "{}", figures.seconds_left);
+    }
+
+    /// Cells are counted when they are whole: until the first one is, what is left falls.
+    #[test]
+    fn what_is_left_does_not_count_up_while_nothing_is_counted() {
+        let finish = stage("finish", 1, 1, 1_000_000);
+        let mut pace = Pace::expecting(Some(60.0));
+        let mut last = f64::INFINITY;
+        for _ in 0..11 {
+            let (figures, _) = pace.update(finish.clone(), 0);
+            assert!(figures.seconds_left < last && figures.seconds_left > 0.0);
+            assert!(figures.fraction < 1.0);
+            last = figures.seconds_left;
+            wait(&mut pace, 5);
+        }
+        wait(&mut pace, 20);
+        let (figures, _) = pace.update(finish, 0);
+        assert!((0.5..10.0).contains(&figures.seconds_left) && figures.fraction < 1.0);
+    }
+
+    #[test]
+    fn cells_of_an_earlier_process_are_no_pace() {
+        let simplify = stage("simplify", 2, 2, 1_000_000);
+        let mut pace = Pace::default();
+        pace.update(simplify.clone(), 900_000);
+        wait(&mut pace, 10);
+        let (figures, _) = pace.update(simplify, 950_000);
+        let left = figures.stage_seconds_left;
+        assert!((8.0..12.0).contains(&left), "{left}");
+        assert!(figures.per_second < 5100.0, "{}", figures.per_second);
     }
 
     #[test]
     fn shares_rise_from_nothing_to_nearly_all() {
-        let stage = |name, number| Stage { name, number, n_stages: 3, total: 1000 };
         let mut pace = Pace::default();
         let mut last = -1.0;
         for (name, number) in [("partition", 1), ("simplify", 2), ("finish", 3)] {
             for done in [0, 500, 1000, 1500] {
-                let (figures, is_new) = pace.update(stage(name, number), done);
+                let (figures, is_new) = pace.update(stage(name, number, 3, 1000), done);
                 assert_eq!(is_new, done == 0);
-                assert!(figures.done <= 1000 && figures.seconds_left >= 0.0);
-                assert!(figures.fraction >= last && figures.fraction <= 1.0, "{name} {done}");
+                assert!(figures.done <= 1000 && figures.seconds_left > 0.0);
+                assert!(figures.fraction >= last && figures.fraction < 1.0, "{name} {done}");
                 last = figures.fraction;
+                wait(&mut pace, 10);
             }
         }
-        assert!(last > 0.99, "{last}");
+        assert!(last > 0.9, "{last}");
+        let mut pace = Pace::default();
+        pace.counted_share(stage("partition", 1, 3, 1000), 1000);
+        let share = pace.counted_share(stage("simplify", 2, 3, 1000), 500);
+        assert!((0.4..0.6).contains(&share), "{share}");
     }
 }

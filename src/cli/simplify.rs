@@ -399,6 +399,7 @@ impl Command for Args {
         let ready = session.watch(|| prepare(&config, progress))?;
         let (lines, plan) = ready.plan(&config);
         session.log.plan(lines, &plan);
+        plan["seconds"].as_f64().into_iter().for_each(|seconds| progress.expect(seconds));
         if let ReadyJob::Collapse(ready) = &ready
             && ready.config.texture == Texture::Keep
         {

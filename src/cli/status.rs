@@ -61,7 +61,7 @@ fn show(args: &Args, progress: &Progress) -> Result<()> {
         let mut marks = state.identity.input_marks.clone();
         add_old_names(&mut settings);
         add_old_names(&mut marks);
-        let json = serde_json::json!({
+        let mut json = serde_json::json!({
             "schema_version": SCHEMA_VERSION,
             "version": env!("CARGO_PKG_VERSION"),
             "input": state.identity.input,
@@ -70,17 +70,13 @@ fn show(args: &Args, progress: &Progress) -> Result<()> {
             "settings": settings,
             "stages_done": done,
             "outcomes": state.outcomes,
-            "is_running": run.is_running,
-            "process": run.process,
-            "output": run.board["output"],
-            "percent": run.percent(),
-            "stage": run.board["stage"],
-            "stage_number": run.board["stage_number"],
-            "stages": run.board["stages"],
             "vertices": number(&state.identity.input_marks, "vertices"),
             "faces": number(&state.identity.input_marks, "faces"),
             "input_bytes": number(&state.identity.input_marks, "bytes"),
         });
+        if let (Value::Object(all), Value::Object(own)) = (&mut json, run.facts()) {
+            all.extend(own);
+        }
         format!("{json:#}\n")
     } else {
         let mut text = format!("input   {}\n", shown(&state.identity.input));
@@ -114,6 +110,7 @@ fn number(marks: &BTreeMap<String, String>, name: &str) -> Option<u64> {
 #[derive(PartialEq)]
 struct Running {
     is_running: bool,
+    host: Option<String>,
     process: Option<u64>,
     /// Progress that it has posted.
     board: Value,
@@ -123,14 +120,18 @@ impl Running {
     fn of(folder: &Path) -> Running {
         let (is_running, text) = look(folder).unwrap_or_default();
         let mut lines = text.lines();
-        let process = lines.next().and_then(|line| line.rsplit_once("process ")?.1.parse().ok());
+        let (host, process) = lines.next().map_or((None, None), |line| {
+            let host = line.strip_prefix("host ").and_then(|rest| rest.split(',').next());
+            let process = line.rsplit_once("process ").and_then(|(_, id)| id.parse().ok());
+            (host.map(str::to_owned), process)
+        });
         // A line that is being written is read the next time.
         let board = lines.next().and_then(|line| serde_json::from_str(line).ok());
-        Running { is_running, process, board: board.unwrap_or_default() }
+        Running { is_running, host, process, board: board.unwrap_or_default() }
     }
 
     /// Share of the run that is done, as `watch` estimates it.
-    fn percent(&self) -> Option<f64> {
+    fn share(&self) -> Option<f64> {
         let count = |key: &str| self.board[key].as_u64();
         let (number, triangles) = (count("stage_number")? as u32, count("triangles")?);
         let (total, done) = (count("units")?, count("units_done")?);
@@ -142,17 +143,44 @@ impl Running {
         for (name, number, total, done) in
             stages.chain([(stage_name(self.board["stage"].as_str()?), number, total, done)])
         {
-            share = pace.update(Stage { name, number, n_stages, total }, done).0.fraction;
+            share = pace.counted_share(Stage { name, number, n_stages, total }, done);
         }
-        Some((1000.0 * share).round() / 10.0)
+        Some(share)
+    }
+
+    fn percent(&self) -> Option<f64> {
+        self.share().map(|share| (1000.0 * share).round() / 10.0)
+    }
+
+    /// Seconds left of a run at work, if the rest goes as what is done.
+    fn seconds_left(&self) -> Option<f64> {
+        let (share, seconds) = (self.share()?, self.board["seconds"].as_f64()?);
+        (self.is_running && share > 0.0).then(|| (seconds * (1.0 - share) / share).ceil())
+    }
+
+    /// The same as facts of JSON.
+    fn facts(&self) -> Value {
+        serde_json::json!({
+            "is_running": self.is_running, "host": self.host, "process": self.process,
+            "output": self.board["output"], "percent": self.percent(), "seconds_left": self.seconds_left(),
+            "stage": self.board["stage"], "stage_number": self.board["stage_number"],
+            "stages": self.board["stages"],
+        })
     }
 
     fn line(&self) -> String {
-        let process = self.process.map_or_else(String::new, |n| format!("process {n}"));
+        let mut process = self.process.map_or_else(String::new, |n| format!("process {n}"));
+        if let Some(host) = &self.host {
+            process += &format!(" on {}", shown(host));
+        }
+        let left = self.seconds_left().map_or_else(String::new, |left| format!("{left} s left  "));
         let (stage, of) = (&self.board["stage"], &self.board["stages"]);
         match (self.percent(), stage.as_str()) {
             (Some(percent), Some(stage)) => {
-                format!("{percent:3.0} %  {stage} {}/{of}  {process}", self.board["stage_number"])
+                format!(
+                    "{percent:3.0} %  {stage} {}/{of}  {left}{process}",
+                    self.board["stage_number"]
+                )
             }
             _ => process,
         }
@@ -170,11 +198,7 @@ fn follow(args: &Args, mut run: Running, progress: &Progress) -> Result<()> {
     while run.is_running {
         say(&match args.json {
             true => {
-                let json = serde_json::json!({
-                    "is_running": true, "process": run.process, "output": run.board["output"],
-                    "percent": run.percent(), "stage": run.board["stage"],
-                });
-                format!("{json}\n")
+                format!("{}\n", run.facts())
             }
             false => format!("{}\n", run.line()),
         })?;

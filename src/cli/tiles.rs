@@ -242,6 +242,7 @@ fn make(args: &Args, session: &mut Session) -> Result<CommandEnd> {
     // glTF has y upwards by its standard.
     config.is_z_up &= args.up.is_some() || prepared.source.file_format() != "glTF";
     log.plan(prepared.plan.lines(&config), &prepared.plan);
+    progress.expect(prepared.plan.seconds);
     if args.up.is_none() && !config.is_z_up {
         log.say("up        y, as glTF has it (--up z otherwise)");
     }

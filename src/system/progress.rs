@@ -24,6 +24,7 @@ pub struct Progress {
     notes: Mutex<Vec<String>>,
     losses: Mutex<Ledger>,
     board: Mutex<Option<Board>>,
+    expected_seconds: Mutex<Option<f64>>,
 }
 
 /// A file that says how far a run is, for those who look at its job from outside.
@@ -34,6 +35,7 @@ struct Board {
     start: u64,
     /// Facts about the run.
     facts: Value,
+    began: Instant,
     shown_at: Instant,
 }
 
@@ -69,7 +71,8 @@ impl Progress {
         let opened = std::fs::OpenOptions::new().write(true).open(path);
         let board = opened.ok().and_then(|file| {
             let start = file.metadata().ok()?.len();
-            Some(Board { file, start, facts, shown_at: Instant::now() })
+            let began = Instant::now();
+            Some(Board { file, start, facts, began, shown_at: began })
         });
         *self.board.lock().unwrap_or_else(PoisonError::into_inner) = board;
         self.post(true);
@@ -93,9 +96,20 @@ impl Progress {
         line["stages"] = stage.n_stages.into();
         line["units_done"] = done.into();
         line["units"] = stage.total.into();
+        line["seconds"] = board.began.elapsed().as_secs_f64().into();
         let text = format!("{line}\n");
         let written = board.file.write_all_at(text.as_bytes(), board.start);
         let _ = written.and_then(|()| board.file.set_len(board.start + text.len() as u64));
+    }
+
+    /// Tells how long the plan expects the run to take, for those who show what is left.
+    pub fn expect(&self, seconds: f64) {
+        *self.expected_seconds.lock().unwrap_or_else(PoisonError::into_inner) = Some(seconds);
+    }
+
+    /// Seconds that the plan expects, if there is one.
+    pub fn expected_seconds(&self) -> Option<f64> {
+        *self.expected_seconds.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Begins the running stage again from 0, with another total, where its first part was counted in other units.

@@ -371,11 +371,12 @@ fn status_tells_a_running_job_from_a_stopped_one() {
     lock.lock().expect("free");
     let status = printed(out, "status o.ply.stonecut-job --json");
     assert_eq!(status["is_running"], true);
+    assert!(status["seconds_left"].is_number() && status["host"].is_string(), "{status}");
     assert_keeps("status", &status);
     let said = run(out, "status o.ply.stonecut-job");
     let said = String::from_utf8_lossy(&said.stdout).into_owned();
     assert!(
-        said.contains("running ") && said.contains(" %  ") && !said.contains("continue"),
+        said.contains("running ") && said.contains(" s left  ") && !said.contains("continue"),
         "{said}"
     );
     let mut follow = crate::common::stonecut();
