@@ -2,7 +2,7 @@
 
 use crate::ply::header::BYTE_ORDER_MARK;
 use crate::ply::raw::RawFile;
-use crate::ply::scan::{Fault, Window, comma_advice, in_other_notation};
+use crate::ply::scan::{Fault, Window, comma_advice, in_other_notation, plain_decimal};
 use memchr::{memchr, memchr2};
 use stonecut_system::error::Result;
 
@@ -100,33 +100,6 @@ pub fn parse_number(token: &[u8]) -> Option<f64> {
 /// The message for text where a number should be.
 pub fn not_a_number(what: &str, token: &[u8], remedy: &str) -> String {
     format!("{what} is not a number{}; {remedy}", comma_advice(token))
-}
-
-/// A number of at most 15 digits without an exponent. Digits and power of ten are exact in `f64`, so their quotient is the
-/// nearest number, as that of `str::parse`, at a third of the time.
-fn plain_decimal(token: &[u8]) -> Option<f64> {
-    const POWERS: [f64; 16] =
-        [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
-    let digits = token.strip_prefix(b"-").unwrap_or(token);
-    if digits.len() < 2 || digits.len() > 16 {
-        return None;
-    }
-    let (mut value, mut n_digits, mut n_before) = (0u64, 0, None);
-    for &byte in digits {
-        match byte {
-            b'0'..=b'9' => {
-                value = 10 * value + u64::from(byte - b'0');
-                n_digits += 1;
-            }
-            b'.' if n_before.is_none() => n_before = Some(n_digits),
-            _ => return None,
-        }
-    }
-    if n_digits == 0 || n_digits > 15 {
-        return None;
-    }
-    let value = value as f64 / POWERS[n_digits - n_before.unwrap_or(n_digits)];
-    Some(if digits.len() < token.len() { -value } else { value })
 }
 
 /// A whole number as programs write it.

@@ -1,7 +1,8 @@
 //! Files that have everything their format can hold, through every format and command: each kind of content is in the output,
 //! by small readers that share nothing with the program, or its loss is in the ledger.
 //!
-//! `cargo test --test formats kept_and_named -- --nocapture` prints the table of docs/results/formats.md.
+//! `cargo test --test formats kept_and_named -- --nocapture` prints the table of docs/results/formats.md. With a folder in
+//! `STONECUT_KEPT` the files are written there; `tools/kept_by_others.py` reads what becomes of them with other programs.
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // The table.
@@ -523,7 +524,8 @@ fn held_by_tiles(path: &Path) -> BTreeSet<&'static str> {
 #[test]
 fn every_kind_of_content_is_kept_or_named() {
     let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let named = std::env::var_os("STONECUT_KEPT").map(std::path::PathBuf::from);
+    let at = named.as_deref().unwrap_or(folder.path());
     for (name, colour) in
         [("a.png", [200, 30, 30]), ("b.png", [30, 30, 200]), ("n.png", [128, 128, 255])]
     {

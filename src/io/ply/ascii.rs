@@ -2,7 +2,9 @@
 
 use super::header::Wire;
 use super::raw::RawFile;
-use super::scan::{Fault, Mark, Scan, Scanned, Window, comma_advice, in_other_notation};
+use super::scan::{
+    Fault, Mark, Scan, Scanned, Window, comma_advice, in_other_notation, plain_decimal,
+};
 use stonecut_mesh::property::Scalar;
 
 /// No number is written with more characters than this.
@@ -199,8 +201,43 @@ fn parse_integer(token: &[u8]) -> Option<i128> {
     (value.fract() == 0.0 && value.abs() <= 9e15).then_some(value as i128)
 }
 
+/// Rounds a double that is the nearest to a decimal to the float that is the nearest to that decimal.
+///
+/// The two differ only where the double lies halfway between two floats: `None` then. For normal floats.
+#[inline(always)]
+fn float_of_nearest(value: f64) -> Option<f32> {
+    // The 29 bits that a float does not have.
+    (value.to_bits() & 0x1fff_ffff != 0x1000_0000).then_some(value as f32)
+}
+
+/// A number as `T`, bit for bit as the standard library reads it.
+trait Decimal: std::str::FromStr + From<f32> {
+    /// The number of a plain text; `None` where only the standard library knows.
+    fn plain(token: &[u8]) -> Option<Self>;
+}
+
+impl Decimal for f32 {
+    #[inline(always)]
+    fn plain(token: &[u8]) -> Option<f32> {
+        plain_decimal(token).and_then(float_of_nearest)
+    }
+}
+
+impl Decimal for f64 {
+    #[inline(always)]
+    fn plain(token: &[u8]) -> Option<f64> {
+        plain_decimal(token)
+    }
+}
+
 /// Numbers as C and its libraries print them; the names that Windows gives to no-numbers count as NaN.
-fn parse_float<T: std::str::FromStr + From<f32>>(token: &[u8]) -> Option<T> {
+#[inline(always)]
+fn parse_float<T: Decimal>(token: &[u8]) -> Option<T> {
+    T::plain(token).or_else(|| parse_any_float(token))
+}
+
+#[cold]
+fn parse_any_float<T: Decimal>(token: &[u8]) -> Option<T> {
     let text = std::str::from_utf8(token).ok()?;
     if let Ok(value) = text.parse::<T>() {
         return Some(value);
@@ -232,6 +269,39 @@ mod tests {
         for wrong in [&b"d3"[..], b"infd", b"1.5D", b"1D2D3"] {
             assert_eq!(parse_float::<f64>(wrong), None, "{wrong:?}");
         }
+    }
+
+    #[test]
+    fn plain_decimals_are_those_of_the_standard_library() {
+        let mut state = 7u64;
+        let mut next = |n: u64| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 33) % n
+        };
+        let mut check = |text: &str| {
+            let bits = |x: Option<f32>| x.map(f32::to_bits);
+            assert_eq!(bits(parse_float(text.as_bytes())), bits(text.parse().ok()), "{text}");
+            let bits = |x: Option<f64>| x.map(f64::to_bits);
+            assert_eq!(bits(parse_float(text.as_bytes())), bits(text.parse().ok()), "{text}");
+        };
+        for _ in 0..100_000 {
+            let n_digits = next(18) as usize;
+            let mut text: String =
+                (0..n_digits).map(|_| char::from(b'0' + next(10) as u8)).collect();
+            text.insert(next(n_digits as u64 + 1) as usize, '.');
+            check(&text);
+            check(&format!("-{text}"));
+        }
+        // Halves of steps between floats, and their neighbours in the last digit.
+        for _ in 0..20_000 {
+            let float =
+                f32::from_bits(next(1 << 30) as u32 % (1 << 23) | ((120 + next(24) as u32) << 23));
+            let middle = (f64::from(float) + f64::from(f32::from_bits(float.to_bits() + 1))) / 2.0;
+            check(&format!("{middle}"));
+            (5..15).for_each(|places| check(&format!("{middle:.places$}")));
+        }
+        ["0", "-0", ".", "-", "", "-.", "1.", ".5", "00012", "1.2.3", "123456789012345", "+1"]
+            .map(check);
     }
 
     #[test]

@@ -79,6 +79,36 @@ pub trait Scan {
     }
 }
 
+/// A number of at most 15 digits without an exponent, as the nearest double: digits and power of ten are exact, so their
+/// quotient is rounded once. Between 1e-15 and 1e15; `None` for any other text.
+#[inline(always)]
+pub fn plain_decimal(token: &[u8]) -> Option<f64> {
+    const POWERS: [f64; 16] =
+        [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
+    let is_negative = token.first() == Some(&b'-');
+    let digits = &token[usize::from(is_negative)..];
+    if digits.is_empty() || digits.len() > 16 {
+        return None;
+    }
+    let (mut value, mut n_digits, mut n_before) = (0u64, 0usize, None);
+    for &byte in digits {
+        let digit = byte.wrapping_sub(b'0');
+        match digit {
+            0..=9 => {
+                value = 10 * value + u64::from(digit);
+                n_digits += 1;
+            }
+            _ if byte == b'.' && n_before.is_none() => n_before = Some(n_digits),
+            _ => return None,
+        }
+    }
+    if n_digits == 0 || n_digits > 15 {
+        return None;
+    }
+    let value = value as f64 / POWERS[n_digits - n_before.unwrap_or(n_digits)];
+    Some(if is_negative { -value } else { value })
+}
+
 /// A number in the notation of Fortran (`1.5D+03`), or NaN for a name of C's libraries for what is not a number.
 pub fn in_other_notation<T: std::str::FromStr + From<f32>>(text: &str) -> Option<T> {
     let is_number = |text: &&str| {
