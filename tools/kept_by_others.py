@@ -327,7 +327,7 @@ def differs(kind, was, now, title, all_was):
     size = np.ptp(all_was["bounds"].reshape(2, 3), axis=0).max()
     if kind == "bounds":
         far = np.abs(was).max() > 1e5
-        limit = max((1e-4 if exact else 0.12) * size, 0.5 if far else 0)
+        limit = max((1e-4 if exact else 0.15) * size, 0.5 if far else 0)
         return "" if np.abs(was - now).max() <= limit else f"{was} became {now}"
     if kind == "triangles":
         return "" if now == was or not exact and now < was or title in ("extract",) else f"{was} became {now}"
