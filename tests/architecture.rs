@@ -30,7 +30,7 @@ const CRATES: [&str; 12] = [
 ];
 
 /// Homes of outside crates; those that are not listed may be used anywhere.
-const HOMES: [(&str, &[&str]); 30] = [
+const HOMES: [(&str, &[&str]); 32] = [
     ("base64", &["io/gltf/buffers.rs", "report/"]),
     ("basis_universal", &["render/texture/ktx2_image.rs"]),
     ("bevy_mikktspace", &["render/texture/frames.rs"]),
@@ -39,6 +39,7 @@ const HOMES: [(&str, &[&str]); 30] = [
     ("clap_mangen", &["cli/pages.rs"]),
     ("colorous", &["mesh/viridis.rs"]),
     ("crossbeam", &["system/parallel.rs"]),
+    ("crs_definitions", &["io/globe.rs"]),
     ("draco_core", &["io/gltf/draco.rs"]),
     ("earcut", &["io/polygon.rs"]),
     ("encoding_rs", &["io/encodings.rs"]),
@@ -53,6 +54,7 @@ const HOMES: [(&str, &[&str]); 30] = [
     ("meshopt_rs", &["io/gltf/meshopt.rs", "io/gltf/meshopt_out.rs"]),
     ("noto_sans_mono_bitmap", &["render/picture.rs"]),
     ("png", &["bake/pages.rs", "render/picture.rs"]),
+    ("proj4rs", &["io/globe.rs"]),
     ("rayon", &["system/parallel.rs"]),
     ("robust", &["measure/certify/sheet.rs", "mesh/meeting.rs"]),
     ("rustix", &["cli/mod.rs", "pipeline/plan/", "store/job/lock.rs", "system/"]),

@@ -5,6 +5,7 @@ use super::session::{Command, Session};
 use super::terminal::{shown, table as table_of};
 use crate::error::{Error, Offers, Result};
 use crate::io::ply::{MeshSource, ReadOptions};
+use crate::io::sidecars::Georeference;
 use crate::io::{NameUse, OBJECT, StageOptions};
 use crate::measure::check::{self, COUNT_BYTES, Checked};
 use crate::measure::intersections::{self, SelfIntersections};
@@ -220,10 +221,10 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
         images: materials.map_or_else(Vec::new, |m| m.image_names(false)),
         image_pixels: materials.map_or_else(Vec::new, |m| m.image_pixels()),
         missing_images: materials.map_or_else(Vec::new, |m| m.image_names(true)),
-        notes: source
-            .notes()
-            .iter()
-            .map(ToString::to_string)
+        notes: Georeference::beside(&args.file)
+            .map(|found| format!("lies at {}", found.words()))
+            .into_iter()
+            .chain(source.notes().iter().map(ToString::to_string))
             .chain(materials.iter().flat_map(|m| m.losses.lines()))
             .collect(),
         faces: source.n_face_rows(),

@@ -8,16 +8,18 @@ use super::placing::{TypedMoves, TypedTransform, Up, numbers, parse_transform};
 use super::session::{Command, Session};
 use crate::error::{Offers, Result};
 use crate::io::Weld;
+use crate::io::globe::Crs;
+use crate::io::sidecars::Georeference;
 use crate::mesh::placing::Placing;
 use crate::pipeline::tiles::report::TilesReport;
 use crate::pipeline::tiles::{
-    Finest, TILE_TRIANGLES, TileTexture, TilesConfig, make_tiles, prepare_tiles,
+    Finest, MapPlace, TILE_TRIANGLES, TileTexture, TilesConfig, make_tiles, prepare_tiles,
 };
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::Seen;
 use crate::system::units::{parse_count, parse_ratio, show_bytes, show_count, show_outward};
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Cuts a mesh of any size into tiles at all levels of detail (OGC 3D Tiles 1.1)
 ///
@@ -58,6 +60,10 @@ pub struct Args {
     /// Transform from the mesh (z upwards) to the world: 16 numbers, column by column, joined by commas.
     #[arg(long, value_name = "M16", value_parser = parse_transform, allow_hyphen_values = true)]
     transform: Option<TypedTransform>,
+    /// Coordinate reference system of the mesh, which puts the tree on the earth: EPSG:32633; x is east, heights are above the
+    /// ellipsoid. An offset that a file beside the mesh names is added [default: what such a file says; none: nothing].
+    #[arg(long, value_name = "CODE", value_parser = parse_crs, conflicts_with_all = ["geo", "transform"])]
+    crs: Option<TypedCrs>,
     /// Write a page that shows the tiles in a browser (index.html; `stonecut serve OUTPUT` offers it).
     #[arg(long)]
     viewer: bool,
@@ -146,6 +152,20 @@ fn parse_geo(text: &str) -> std::result::Result<Geo, String> {
     place.ok_or_else(|| "latitude, longitude and height: 47.3769,8.5417,408".to_owned())
 }
 
+/// The choice of `--crs`.
+#[derive(Clone, Debug, PartialEq)]
+enum TypedCrs {
+    None,
+    Code(String),
+}
+
+fn parse_crs(text: &str) -> std::result::Result<TypedCrs, String> {
+    if text == "none" {
+        return Ok(TypedCrs::None);
+    }
+    Crs::of(text).map(|crs| TypedCrs::Code(crs.name()))
+}
+
 /// From east, north and up at a place of the earth to its centre (WGS 84); by columns.
 fn east_north_up(Geo([latitude, longitude, height]): Geo) -> [f64; 16] {
     let (axis, flattening) = (6_378_137.0, 1.0 / 298.257_223_563);
@@ -172,6 +192,38 @@ fn east_north_up(Geo([latitude, longitude, height]): Geo) -> [f64; 16] {
         (normal * (1.0 - off) + height) * sin_lat,
         1.0,
     ]
+}
+
+/// The place that files beside a mesh name, as transform or as system; a line for people if there is one.
+fn place_beside(
+    input: &Path,
+    typed: Option<&TypedCrs>,
+    config: &mut TilesConfig,
+) -> Option<String> {
+    let found = Georeference::beside(input).filter(|_| typed != Some(&TypedCrs::None));
+    let offset = found.as_ref().map_or([0.0; 3], |found| found.offset);
+    if let Some(TypedCrs::Code(code)) = typed {
+        config.crs = Some(MapPlace { code: code.clone(), offset });
+        return found.map(|found| format!("place     {code}, with {}", found.words()));
+    }
+    let found = found?;
+    if let Some(place) = found.crs.strip_prefix("ENU:") {
+        let numbers: Vec<f64> = place.split(',').filter_map(|n| n.trim().parse().ok()).collect();
+        let &[latitude, longitude, ref height @ ..] = numbers.as_slice() else { return None };
+        let height = height.first().copied().unwrap_or(0.0);
+        let mut place = Placing::default();
+        place.shift(offset);
+        place.then(&east_north_up(Geo([latitude, longitude, height])));
+        config.transform = place.columns();
+    } else if found.crs.is_empty() {
+        return Some(format!("place     {}; --crs puts the tree on the earth", found.words()));
+    } else {
+        match Crs::of(&found.crs) {
+            Ok(crs) => config.crs = Some(MapPlace { code: crs.name(), offset }),
+            Err(what) => return Some(format!("place     not used: {what}")),
+        }
+    }
+    Some(format!("place     {}; --crs none leaves it out", found.words()))
 }
 
 impl Args {
@@ -237,12 +289,16 @@ fn make(args: &Args, session: &mut Session) -> Result<CommandEnd> {
     let (progress, log) = (session.progress, &mut *session.log);
     let report_to = args.report.as_deref().map(Seen::new);
     let mut config = args.config()?;
+    let is_placed = args.geo.is_some() || args.transform.is_some();
+    let typed = if is_placed { Some(&TypedCrs::None) } else { args.crs.as_ref() };
+    let place = place_beside(&args.input, typed, &mut config);
     super::arguments::warn_of_limit(args.memory, log);
     let prepared = prepare_tiles(&config)?;
     // glTF has y upwards by its standard.
     config.is_z_up &= args.up.is_some() || prepared.source.file_format() != "glTF";
     log.plan(prepared.plan.lines(&config), &prepared.plan);
     progress.expect(prepared.plan.seconds);
+    place.into_iter().for_each(|line| log.say(line));
     if args.up.is_none() && !config.is_z_up {
         log.say("up        y, as glTF has it (--up z otherwise)");
     }

@@ -97,6 +97,11 @@ impl Placing {
         [0, 1, 2].map(|k| (middle(k) / step).round() * step + 0.0)
     }
 
+    /// The matrix by columns.
+    pub fn columns(&self) -> [f64; 16] {
+        self.columns
+    }
+
     /// The words that are stored in settings.
     pub fn setting(&self) -> String {
         let numbers: Vec<String> = self.columns.iter().map(f64::to_string).collect();

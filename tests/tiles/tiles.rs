@@ -186,6 +186,7 @@ pub fn config(folder: &Path, output: &str) -> TilesConfig {
         packs: true,
         is_z_up: true,
         transform,
+        crs: None,
         viewer: false,
         memory_bytes: 512 << 20,
         threads: std::num::NonZeroUsize::MIN,

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::expect;
+use crate::common::{expect, run};
 use serde_json::Value;
 use std::path::Path;
 
@@ -68,4 +68,66 @@ fn what_comes_through_a_pipe_or_packed_stands_too() {
             "{file}: {sides:?}"
         );
     }
+}
+
+/// The place of a point of the mesh on the earth, by the tree.
+fn on_earth(set: &Value, p: [f64; 3]) -> [f64; 3] {
+    let number = |list: &Value, at: usize| list[at].as_f64().unwrap();
+    let (map, origin) = (&set["root"]["transform"], &set["extras"]["stonecut"]["origin"]);
+    let p = [0, 1, 2].map(|k| p[k] - number(origin, k));
+    [0, 1, 2]
+        .map(|r| (0..3).map(|c| number(map, 4 * c + r) * p[c]).sum::<f64>() + number(map, 12 + r))
+}
+
+#[test]
+fn a_coordinate_reference_system_puts_a_tree_on_the_earth() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let mesh = |[x, y, z]: [f64; 3]| {
+        let corner = |a: f64, b: f64, c: f64| format!("{} {} {}\n", x + a, y + b, z + c);
+        let corners = [
+            corner(0.0, 0.0, 0.0),
+            corner(2.0, 0.0, 0.0),
+            corner(0.0, 4.0, 0.0),
+            corner(0.0, 0.0, 4.0),
+        ];
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n\
+             element face 4\nproperty list uchar int vertex_indices\nend_header\n{}3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n",
+            corners.concat()
+        )
+    };
+    let xml = "<ModelMetadata><SRS>EPSG:32633</SRS><SRSOrigin>500400,4600200,100</SRSOrigin></ModelMetadata>";
+    for inner in ["far", "near", "near/tiles"] {
+        std::fs::create_dir(folder.join(inner)).unwrap();
+    }
+    let utm = [500_400.0, 4_600_200.0, 100.0];
+    std::fs::write(folder.join("far/utm.ply"), mesh(utm)).unwrap();
+    std::fs::write(folder.join("near/tiles/local.ply"), mesh([0.0; 3])).unwrap();
+    std::fs::write(folder.join("near/metadata.xml"), xml).unwrap();
+    // 500401 4600202 102 by PROJ 9.5.1.
+    let wanted = [4_617_133.909, 1_237_572.6208, 4_208_686.9829];
+    for (words, from) in [
+        ("far/utm.ply t --crs EPSG:32633", utm),
+        ("far/utm.ply t --crs 32633 --recentre", [1.0, 2.0, 2.0]),
+        ("near/tiles/local.ply t", [0.0; 3]),
+        ("near/tiles/local.ply t --crs EPSG:32633", [0.0; 3]),
+    ] {
+        let said = expect(folder, &format!("tiles {words} --force"), 0);
+        assert_eq!(said.contains("metadata.xml"), words.contains("local"), "{words}: {said}");
+        let set = tileset(folder, "t");
+        let offset = &set["extras"]["stonecut"]["offset"];
+        let subtracted = [0, 1, 2].map(|k| offset[k].as_f64().unwrap_or(0.0));
+        let p = [500_401.0, 4_600_202.0, 102.0];
+        let base = if from == [0.0; 3] { utm } else { subtracted };
+        let found = on_earth(&set, [0, 1, 2].map(|k| p[k] - base[k]));
+        assert!((0..3).all(|k| (found[k] - wanted[k]).abs() < 1e-3), "{words}: {found:?}");
+    }
+    expect(folder, "tiles near/tiles/local.ply t --force --crs none", 0);
+    let plain = on_earth(&tileset(folder, "t"), [1.0, 2.0, 2.0]);
+    assert!((0..3).all(|k| (plain[k] - [1.0, 2.0, 2.0][k]).abs() < 1e-9), "{plain:?}");
+    let info = run(folder, "info near/tiles/local.ply").stdout;
+    assert!(String::from_utf8(info).unwrap().contains("EPSG:32633"));
+    let said = expect(folder, "tiles far/utm.ply t --force --crs EPSG:5514", 2);
+    assert!(said.contains("krovak"), "{said}");
 }

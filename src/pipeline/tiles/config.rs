@@ -39,6 +39,15 @@ pub enum TileTexture {
     Colors,
 }
 
+/// A place on the earth by a coordinate reference system.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MapPlace {
+    /// `EPSG:n`.
+    pub code: String,
+    /// Added to the coordinates of the mesh.
+    pub offset: [f64; 3],
+}
+
 /// A run of `tiles`.
 #[derive(Clone, Debug)]
 pub struct TilesConfig {
@@ -60,6 +69,8 @@ pub struct TilesConfig {
     pub is_z_up: bool,
     /// From the frame of the mesh, z upwards, to that of the world; by columns.
     pub transform: [f64; 16],
+    /// The coordinate reference system of the mesh, which takes the place of `transform`.
+    pub crs: Option<MapPlace>,
     /// Write a page that shows the tree.
     pub viewer: bool,
     /// Memory budget in bytes.
@@ -102,6 +113,7 @@ impl TilesConfig {
             packs: true,
             is_z_up: true,
             transform: [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.],
+            crs: None,
             viewer: false,
             memory_bytes: memory::budget_bytes(None, memory::limit_bytes()),
             threads: NonZeroUsize::new(memory::cores()).unwrap_or(NonZeroUsize::MIN),
@@ -140,6 +152,9 @@ impl TilesConfig {
             ("viewer".to_owned(), self.viewer.to_string()),
         ]);
         // Left out where nothing was asked for, so that jobs of earlier builds are continued.
+        if let Some(MapPlace { code, offset: [x, y, z] }) = &self.crs {
+            settings.insert("crs".to_owned(), format!("{code}, offset {x} {y} {z}"));
+        }
         if !self.placing.is_none() {
             settings.insert("placing".to_owned(), self.placing.setting());
         }

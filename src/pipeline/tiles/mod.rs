@@ -14,9 +14,10 @@ mod rounds;
 mod textures;
 mod tree;
 mod viewer;
+mod world;
 
 use config::NAMED;
-pub use config::{Finest, TILE_TRIANGLES, TileTexture, TilesConfig};
+pub use config::{Finest, MapPlace, TILE_TRIANGLES, TileTexture, TilesConfig};
 pub use plan::{PreparedTiles, TilesPlan, prepare_tiles};
 
 use super::concluded::{abandon, is_final};
@@ -160,6 +161,10 @@ fn run(
         Ok(cut) => cut,
         Err(error) => return Err(give_up(&job, &pending, error)),
     };
+    let (world, of_world) = match world::world(config, &partition.bounds, source.offset()) {
+        Ok(world) => world,
+        Err(error) => return Err(give_up(&job, &pending, error)),
+    };
     let coloured = job.outcome::<Coloured>(COLOURED)?;
     if coloured.is_some() {
         disk.remove(&job.path(COLOURED_FILE))?;
@@ -185,7 +190,7 @@ fn run(
         tiles.iter().filter(|tile| tile.level == 0).map(|tile| tile.triangles).sum();
     let mut tree = TileTree {
         root: root as u32,
-        transform: placed(&config.transform, grid.lattice.origin, config.is_z_up),
+        transform: placed(&world, grid.lattice.origin, config.is_z_up),
         is_z_up: config.is_z_up,
         extras: json!({ "stonecut": {
             "input_triangles": partition.store.triangles - stages.dropped.duplicate_faces,
@@ -195,6 +200,10 @@ fn run(
         } }),
         tiles,
     };
+    if let Some(place) = &config.crs {
+        tree.extras["stonecut"]["crs"] = json!(place.code);
+        tree.extras["stonecut"]["crs_offset"] = json!(place.offset);
+    }
     if let Some(offset) = source.offset() {
         tree.extras["stonecut"]["offset"] = json!(offset);
     }
@@ -233,6 +242,7 @@ fn run(
     let seconds = started.elapsed().as_secs_f64();
     let dropped = stages.dropped;
     let mut losses = source.losses();
+    of_world.into_iter().for_each(|loss| losses.lose(loss));
     losses.merge(&losses_of(&source, coloured, pages.as_ref()));
     losses.merge(&scalar_losses(&lost, rounds.first()));
     let mut report = TilesReport {

@@ -1,0 +1,282 @@
+//! Coordinate reference systems: from map coordinates to the earth (WGS 84), by the code that EPSG gives them.
+//!
+//! Projections are those of `proj4rs`, definitions those of `crs-definitions`. Only methods that were compared with PROJ are taken
+//! (`tools/epsg_codes.py`, docs/results/inputs.md). Shifts between datums have three or seven parameters; grids are not read.
+
+use proj4rs::Proj;
+use proj4rs::transform::transform;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::{length_sq, sub};
+
+/// Methods of projection that agree with PROJ.
+const METHODS: [&str; 11] = [
+    "utm", "tmerc", "lcc", "somerc", "sterea", "stere", "merc", "laea", "aea", "longlat", "geocent",
+];
+
+/// Datums whose parameters in `crs-definitions` are rounded or older: what stands in a definition, and what EPSG has
+/// (operations 1314 and 15934).
+const SHIFTS: [(&str, &str); 2] = [
+    ("+datum=OSGB36", "+ellps=airy +towgs84=446.448,-125.157,542.06,0.15,0.247,0.842,-20.489"),
+    (
+        "+towgs84=565.2369,50.0087,465.658,-0.406857,0.350733,-1.87035,4.0812",
+        "+towgs84=565.4171,50.3319,465.5524,-0.398957388243134,0.343987817378283,-1.87740163998045,4.0725",
+    ),
+];
+
+/// A coordinate reference system.
+pub struct Crs {
+    code: u16,
+    from: Proj,
+    to: Proj,
+    is_geocentric: bool,
+    has_shift: bool,
+}
+
+/// The map from a mesh to the earth near a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EarthFrame {
+    /// From coordinates of the mesh to those of the earth's centre (EPSG:4978), by columns.
+    pub map: [f64; 16],
+    /// The largest distance between that map and the system itself in the box of the mesh, in metres: the earth is round.
+    pub bend: f64,
+}
+
+impl Crs {
+    /// The system of a text: `EPSG:32633` or `32633`. Errors say what is wrong with it.
+    pub fn of(text: &str) -> Result<Crs, String> {
+        let code = code_of(text).ok_or_else(|| {
+            format!("'{text}': the code of a coordinate reference system is EPSG and a number, as in EPSG:32633")
+        })?;
+        let fail = |what: &str| {
+            format!(
+                "EPSG:{code}: {what}; reproject the mesh to UTM first, or give --geo or --transform"
+            )
+        };
+        let known = crs_definitions::from_code(code);
+        let mut definition = known.map(|known| known.proj4.to_owned()).unwrap_or_default();
+        if definition.is_empty() {
+            return Err(fail("no definition of this code is known"));
+        }
+        for (old, new) in SHIFTS {
+            definition = definition.replace(old, new);
+        }
+        let value =
+            |key: &str| definition.split(key).nth(1).and_then(|rest| rest.split(' ').next());
+        let method = value("+proj=").unwrap_or_default();
+        if !METHODS.contains(&method) {
+            return Err(fail(&format!("its projection '{method}' is not read")));
+        }
+        if value("+nadgrids=").is_some_and(|grids| grids != "@null") {
+            return Err(fail("its datum needs a grid of shifts, which is not read"));
+        }
+        let shift = value("+towgs84=").unwrap_or_default();
+        let is_world = ["+datum=WGS84", "+datum=NAD83", "+nadgrids=@null"];
+        let has_shift = match shift {
+            "" => !is_world.iter().any(|word| definition.contains(word)),
+            numbers => numbers.split(',').any(|n| n.parse() != Ok(0.0)),
+        };
+        let parse = |text: &str| Proj::from_proj_string(text);
+        let from =
+            parse(&definition).map_err(|e| fail(&format!("its definition is not read ({e})")))?;
+        let to = parse("+proj=longlat +datum=WGS84 +no_defs").map_err(|e| fail(&e.to_string()))?;
+        Ok(Crs { code, from, to, is_geocentric: method == "geocent", has_shift })
+    }
+
+    /// `EPSG:n`.
+    pub fn name(&self) -> String {
+        format!("EPSG:{}", self.code)
+    }
+
+    /// Returns whether the datum is another than that of the earth's centre, so that places are known to a metre or some.
+    pub fn has_shift(&self) -> bool {
+        self.has_shift
+    }
+
+    /// Latitude and longitude in degrees, and the height above the ellipsoid of WGS 84 (metres), of a place; x is east or
+    /// longitude. Heights stay what they are: those above the sea need the geoid first. `None` outside of the projection.
+    pub fn geographic(&self, [x, y, z]: [f64; 3]) -> Option<[f64; 3]> {
+        let is_angle = self.from.is_latlong();
+        let mut place = if is_angle { (x.to_radians(), y.to_radians(), z) } else { (x, y, z) };
+        transform(&self.from, &self.to, &mut place).ok()?;
+        let height = if self.is_geocentric { place.2 } else { z };
+        let out = [place.1.to_degrees(), place.0.to_degrees(), height];
+        out.iter().all(|x| x.is_finite()).then_some(out)
+    }
+
+    /// The place counted from the earth's centre (EPSG:4978), in metres.
+    pub fn geocentric(&self, place: [f64; 3]) -> Option<[f64; 3]> {
+        if self.is_geocentric {
+            return place.iter().all(|x| x.is_finite()).then_some(place);
+        }
+        self.geographic(place).map(from_centre)
+    }
+
+    /// The map to the earth that fits best at the middle of a mesh, whose coordinates count from `offset`.
+    pub fn frame(&self, bounds: &Bounds, offset: [f64; 3]) -> Result<EarthFrame, String> {
+        let middle = bounds.middle();
+        let world = |p: [f64; 3]| -> Result<[f64; 3], String> {
+            let place = [0, 1, 2].map(|k| p[k] + offset[k]);
+            self.geocentric(place).ok_or_else(|| {
+                let [x, y, z] = place;
+                format!(
+                    "{}: the place {x} {y} {z} of the mesh lies outside of this system",
+                    self.name()
+                )
+            })
+        };
+        let centre = world(middle)?;
+        // A metre, or as many degrees: the second differences of every projection are far below rounding there.
+        let step = if self.from.is_latlong() { 1e-5 } else { 1.0 };
+        let mut map = [0.0; 16];
+        map[15] = 1.0;
+        for axis in 0..3 {
+            let step = if axis == 2 { 1.0 } else { step };
+            let beside = |by: f64| {
+                let mut p = middle;
+                p[axis] += by;
+                world(p)
+            };
+            let (before, behind) = (beside(-step)?, beside(step)?);
+            for k in 0..3 {
+                map[4 * axis + k] = (behind[k] - before[k]) / (2.0 * step);
+            }
+        }
+        for k in 0..3 {
+            let turned: f64 = (0..3).map(|axis| map[4 * axis + k] * middle[axis]).sum();
+            map[12 + k] = centre[k] - turned;
+        }
+        let mut bend: f64 = 0.0;
+        for corner in 0..8 {
+            let p = [0, 1, 2].map(|k| [bounds.low, bounds.high][corner >> k & 1][k]);
+            let mapped = [0, 1, 2].map(|k| {
+                centre[k] + (0..3).map(|a| map[4 * a + k] * (p[a] - middle[a])).sum::<f64>()
+            });
+            bend = bend.max(length_sq(sub(world(p)?, mapped)).sqrt());
+        }
+        Ok(EarthFrame { map, bend })
+    }
+}
+
+/// The number in `EPSG:32633`, `urn:ogc:def:crs:EPSG::32633` or `32633`.
+pub fn code_of(text: &str) -> Option<u16> {
+    let text = text.trim();
+    let digits = match text.to_ascii_uppercase().rfind("EPSG") {
+        Some(at) => {
+            text[at + 4..].rsplit(':').next().filter(|_| text[at + 4..].starts_with(':'))?
+        }
+        None => text,
+    };
+    digits.trim().parse().ok()
+}
+
+/// From latitude, longitude in degrees and height on WGS 84 to the earth's centre.
+fn from_centre([latitude, longitude, height]: [f64; 3]) -> [f64; 3] {
+    let (axis, flattening) = (6_378_137.0, 1.0 / 298.257_223_563);
+    let (sin_lat, cos_lat) = f64::sin_cos(f64::to_radians(latitude));
+    let (sin_lon, cos_lon) = f64::sin_cos(f64::to_radians(longitude));
+    let off: f64 = flattening * (2.0 - flattening);
+    let normal = axis / (1.0 - off * sin_lat * sin_lat).sqrt();
+    let around = (normal + height) * cos_lat;
+    [around * cos_lon, around * sin_lon, (normal * (1.0 - off) + height) * sin_lat]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Code, place, and latitude, longitude and height of PROJ 9.5.1 (pyproj 3.7.2, always_xy), as `tools/epsg_codes.py`
+    /// prints them.
+    const OF_PROJ: [(&str, [f64; 3], [f64; 3]); 10] = [
+        (
+            "EPSG:32633",
+            [500_400.0, 4_600_200.0, 100.0],
+            [41.553_465_896_705_05, 15.004_796_503_111_665, 100.0],
+        ),
+        (
+            "EPSG:32756",
+            [334_000.0, 6_252_000.0, 30.0],
+            [-33.859_261_704_504_05, 151.205_514_686_936_37, 30.0],
+        ),
+        (
+            "EPSG:25832",
+            [691_000.0, 5_335_000.0, 520.0],
+            [48.139_558_349_867_734, 11.567_501_229_235_19, 520.0],
+        ),
+        (
+            "EPSG:2056",
+            [2_683_000.0, 1_247_000.0, 408.0],
+            [47.368_613_926_079_945, 8.537_504_949_270_71, 408.0],
+        ),
+        (
+            "EPSG:2154",
+            [652_000.0, 6_862_000.0, 35.0],
+            [48.856_248_140_962_73, 2.345_811_958_680_679, 35.0],
+        ),
+        (
+            "EPSG:27700",
+            [530_000.0, 180_000.0, 10.0],
+            [51.503_990_826_724_76, -0.128_353_937_682_018_78, 10.0],
+        ),
+        (
+            "EPSG:28992",
+            [121_000.0, 487_000.0, 2.0],
+            [52.369_826_210_117_87, 4.887_970_764_823_003, 2.0],
+        ),
+        (
+            "EPSG:3067",
+            [385_000.0, 6_672_000.0, 15.0],
+            [60.168_665_999_849_87, 24.927_457_713_312_172, 15.0],
+        ),
+        (
+            "EPSG:3857",
+            [950_000.0, 6_000_000.0, 50.0],
+            [47.353_704_702_433_106, 8.533_995_199_135_454, 50.0],
+        ),
+        ("EPSG:4326", [8.5417, 47.3769, 408.0], [47.3769, 8.5417, 408.0]),
+    ];
+
+    #[test]
+    fn ten_systems_agree_with_proj_within_a_millimetre() {
+        for (code, place, wanted) in OF_PROJ {
+            let crs = Crs::of(code).unwrap();
+            let found = crs.geocentric(place).unwrap();
+            let off = length_sq(sub(found, from_centre(wanted))).sqrt();
+            assert!(off < 1e-3, "{code}: {off} m");
+        }
+    }
+
+    #[test]
+    fn a_frame_is_the_system_near_its_middle_and_says_how_far_it_bends() {
+        let crs = Crs::of("epsg:32633").unwrap();
+        let offset = [500_000.0, 4_600_000.0, 100.0];
+        let bounds = Bounds { low: [0.0; 3], high: [1000.0, 800.0, 50.0] };
+        let frame = crs.frame(&bounds, offset).unwrap();
+        let at = |p: [f64; 3]| {
+            let m = &frame.map;
+            [0, 1, 2].map(|r| m[r] * p[0] + m[4 + r] * p[1] + m[8 + r] * p[2] + m[12 + r])
+        };
+        let true_place = |p: [f64; 3]| crs.geocentric([0, 1, 2].map(|k| p[k] + offset[k])).unwrap();
+        let off = |p: [f64; 3]| length_sq(sub(at(p), true_place(p))).sqrt();
+        assert!(off([500.0, 400.0, 25.0]) < 1e-6);
+        // Half the square of the distance over the radius.
+        let bend = (500f64.powi(2) + 400f64.powi(2)) / 2.0 / 6.37e6;
+        assert!((frame.bend / bend - 1.0).abs() < 0.1, "{} {bend}", frame.bend);
+        assert!(off([0.0; 3]) <= frame.bend * 1.000_001);
+    }
+
+    #[test]
+    fn what_is_not_known_is_refused_with_the_way_out() {
+        for (code, words) in [
+            ("WGS84", "EPSG and a number"),
+            ("EPSG:1", "no definition"),
+            ("EPSG:99999", "EPSG and a number"),
+            ("EPSG:5514", "krovak"),
+        ] {
+            let error = Crs::of(code).err().unwrap();
+            assert!(error.contains(words), "{code}: {error}");
+        }
+        assert_eq!(code_of("urn:ogc:def:crs:EPSG::25832"), Some(25832));
+        assert!(Crs::of("EPSG:27700").unwrap().has_shift());
+        assert!(!Crs::of("EPSG:25832").unwrap().has_shift());
+    }
+}

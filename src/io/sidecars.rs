@@ -1,0 +1,180 @@
+//! Files beside a mesh that say where it lies: written by photogrammetry programs, read here, never written.
+//!
+//! | program | file |
+//! |---|---|
+//! | ContextCapture, iTwin | `metadata.xml` beside the mesh or one or two folders above: `SRS`, `SRSOrigin` |
+//! | OpenDroneMap | `odm_georeferencing_model_geo.txt` or `coords.txt` beside the mesh or in `odm_georeferencing`: zone and offset |
+//! | Metashape, RealityCapture and others | `NAME.prj` (WKT with a code), `NAME.xyz`, `NAME_offset.xyz` or `offset.xyz`: three numbers |
+
+use crate::globe::code_of;
+use std::path::{Path, PathBuf};
+use stonecut_system::disk::read_regular;
+
+/// A file beside a mesh is text of a few lines.
+const MOST_BYTES: u64 = 256 << 10;
+
+/// The place of a mesh as files beside it say.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Georeference {
+    /// `EPSG:n`, or `ENU:LAT,LON` for east and north at a place; empty if no file says it.
+    pub crs: String,
+    /// To be added to all coordinates.
+    pub offset: [f64; 3],
+    /// The files.
+    pub found_in: Vec<PathBuf>,
+}
+
+impl Georeference {
+    /// Looks beside a mesh. What is not understood is taken as absent.
+    pub fn beside(mesh: &Path) -> Option<Georeference> {
+        let folder = mesh.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new("."));
+        let above = folder.join("..");
+        let higher = above.join("..");
+        let found = [folder, &above, &higher].iter().find_map(|at| of_context_capture(at));
+        let geo = || above.join("odm_georeferencing");
+        let found =
+            found.or_else(|| [folder.to_path_buf(), geo()].iter().find_map(|at| of_odm(at)));
+        found.or_else(|| of_name(mesh, folder))
+    }
+
+    /// The place in a few words.
+    pub fn words(&self) -> String {
+        let [x, y, z] = self.offset;
+        let crs = if self.crs.is_empty() { String::new() } else { format!("{}, ", self.crs) };
+        let files: Vec<String> = self
+            .found_in
+            .iter()
+            .map(|file| file.file_name().unwrap_or_default().to_string_lossy().into_owned())
+            .collect();
+        format!("{crs}offset {x} {y} {z} ({})", files.join(", "))
+    }
+}
+
+fn text_of(path: &Path) -> Option<String> {
+    let bytes = read_regular(path, MOST_BYTES).ok()?;
+    Some(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// Numbers with blanks, commas or semicolons between them; none if anything else is there.
+fn numbers(text: &str) -> Option<Vec<f64>> {
+    let words = text.split(|c: char| c.is_whitespace() || matches!(c, ',' | ';'));
+    words
+        .filter(|word| !word.is_empty())
+        .map(|word| word.parse().ok().filter(|x: &f64| x.is_finite()))
+        .collect()
+}
+
+/// `EPSG:n` of a code or of WKT, whose last authority is that of the whole.
+fn epsg(text: &str) -> Option<String> {
+    if let Some(code) = code_of(text) {
+        return Some(format!("EPSG:{code}"));
+    }
+    let at = text.rfind("\"EPSG\"")?;
+    let digits: String = text[at + 6..]
+        .chars()
+        .skip_while(|c| matches!(c, ',' | '"' | ' '))
+        .take_while(char::is_ascii_digit)
+        .collect();
+    Some(format!("EPSG:{}", digits.parse::<u16>().ok()?))
+}
+
+fn of_context_capture(folder: &Path) -> Option<Georeference> {
+    let path = folder.join("metadata.xml");
+    let text = text_of(&path)?;
+    let element = |name: &str| -> Option<&str> {
+        let begin = text.find(&format!("<{name}>"))? + name.len() + 2;
+        let end = text[begin..].find("</")?;
+        Some(text[begin..begin + end].trim())
+    };
+    let srs = element("SRS")?;
+    let crs = match srs.strip_prefix("ENU:") {
+        Some(place) if numbers(place)?.len() >= 2 => srs.to_owned(),
+        _ => epsg(srs).unwrap_or_default(),
+    };
+    let origin = element("SRSOrigin").and_then(numbers).unwrap_or_default();
+    let offset = [0, 1, 2].map(|k| origin.get(k).copied().unwrap_or(0.0));
+    Some(Georeference { crs, offset, found_in: vec![path] })
+}
+
+fn of_odm(folder: &Path) -> Option<Georeference> {
+    ["odm_georeferencing_model_geo.txt", "coords.txt"].iter().find_map(|name| {
+        let path = folder.join(name);
+        let text = text_of(&path)?;
+        let mut lines = text.lines();
+        // WGS84 UTM 32N
+        let zone = lines.next()?.trim().strip_prefix("WGS84 UTM ")?.trim().to_owned();
+        let (number, half) = zone.split_at_checked(zone.len().checked_sub(1)?)?;
+        let number: u16 = number.trim().parse().ok().filter(|n| (1..=60).contains(n))?;
+        let code = if half.eq_ignore_ascii_case("S") { 32700 } else { 32600 } + number;
+        let place = numbers(lines.next()?)?;
+        let offset = [*place.first()?, *place.get(1)?, place.get(2).copied().unwrap_or(0.0)];
+        Some(Georeference { crs: format!("EPSG:{code}"), offset, found_in: vec![path] })
+    })
+}
+
+fn of_name(mesh: &Path, folder: &Path) -> Option<Georeference> {
+    let prj = mesh.with_extension("prj");
+    let crs = text_of(&prj).and_then(|text| epsg(text.trim()));
+    let stem = mesh.file_stem()?.to_string_lossy();
+    let names = [format!("{stem}.xyz"), format!("{stem}_offset.xyz"), "offset.xyz".to_owned()];
+    let shift = names.iter().find_map(|name| {
+        let path = folder.join(name);
+        let place: [f64; 3] = numbers(&text_of(&path)?)?.try_into().ok()?;
+        Some((place, path))
+    });
+    if crs.is_none() && shift.is_none() {
+        return None;
+    }
+    let (offset, file) = shift.map_or(([0.0; 3], None), |(offset, path)| (offset, Some(path)));
+    let found_in = crs.iter().map(|_| prj.clone()).chain(file).collect();
+    Some(Georeference { crs: crs.unwrap_or_default(), offset, found_in })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_of_photogrammetry_programs_say_where_a_mesh_lies() {
+        let wkt = r#"PROJCS["WGS 84 / UTM zone 33N",GEOGCS["WGS 84",AUTHORITY["EPSG","4326"]],AUTHORITY["EPSG","32633"]]"#;
+        let xml = |srs: &str| {
+            format!(
+                "<?xml version=\"1.0\"?>\n<ModelMetadata version=\"1\">\n<SRS>{srs}</SRS>\n\
+                 <SRSOrigin>500400,4600200,100</SRSOrigin>\n</ModelMetadata>"
+            )
+        };
+        let offset = [500_400.0, 4_600_200.0, 100.0];
+        let flat = [500_400.0, 4_600_200.0, 0.0];
+        let rows: [(&str, String, &str, [f64; 3]); 8] = [
+            ("metadata.xml", xml("EPSG:32633"), "EPSG:32633", offset),
+            ("../metadata.xml", xml(wkt), "EPSG:32633", offset),
+            ("metadata.xml", xml("ENU:41.5,15.0"), "ENU:41.5,15.0", offset),
+            ("coords.txt", "WGS84 UTM 33N\n500400 4600200\n0 0 0\n".into(), "EPSG:32633", flat),
+            (
+                "../odm_georeferencing/odm_georeferencing_model_geo.txt",
+                "WGS84 UTM 56S\n500400 4600200\n".into(),
+                "EPSG:32756",
+                flat,
+            ),
+            ("tile.prj", wkt.into(), "EPSG:32633", [0.0; 3]),
+            ("tile.xyz", "500400.000 4600200.000 100.000\n".into(), "", offset),
+            ("offset.xyz", "500400, 4600200, 100".into(), "", offset),
+        ];
+        for (name, text, crs, offset) in rows {
+            let home = tempfile::tempdir().unwrap();
+            let folder = home.path().join("a/b");
+            std::fs::create_dir_all(folder.join("../odm_georeferencing")).unwrap();
+            std::fs::write(folder.join(name), text).unwrap();
+            let found = Georeference::beside(&folder.join("tile.obj")).unwrap();
+            assert_eq!((found.crs.as_str(), found.offset), (crs, offset), "{name}");
+            assert_eq!(found.found_in.len(), 1);
+            assert!(found.words().contains("offset"), "{}", found.words());
+        }
+        let home = tempfile::tempdir().unwrap();
+        assert_eq!(Georeference::beside(&home.path().join("a/b/tile.obj")), None);
+        // A cloud of points of the same name is not an offset.
+        std::fs::write(home.path().join("tile.xyz"), "1 2 3\n4 5 6\n").unwrap();
+        assert_eq!(Georeference::beside(&home.path().join("tile.obj")), None);
+    }
+}
