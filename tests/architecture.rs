@@ -30,7 +30,7 @@ const CRATES: [&str; 12] = [
 ];
 
 /// Homes of outside crates; those that are not listed may be used anywhere.
-const HOMES: [(&str, &[&str]); 32] = [
+const HOMES: [(&str, &[&str]); 33] = [
     ("base64", &["io/gltf/buffers.rs", "report/"]),
     ("basis_universal", &["render/texture/ktx2_image.rs"]),
     ("bevy_mikktspace", &["render/texture/frames.rs"]),
@@ -63,6 +63,7 @@ const HOMES: [(&str, &[&str]); 32] = [
     ("unicode_normalization", &["io/materials/search.rs"]),
     ("zip", &["io/containers.rs"]),
     ("zstd", &["io/open.rs", "progressive/columns.rs", "render/texture/ktx2_image.rs"]),
+    ("zune_jpeg", &["render/texture/jpeg.rs"]),
 ];
 
 /// The rooms and files of the kernel from top to bottom; each imports only those below it.

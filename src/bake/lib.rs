@@ -11,6 +11,7 @@ mod charts;
 mod directions;
 mod flatten;
 mod grid;
+mod horizon;
 mod nearest;
 mod need;
 mod normals;
@@ -29,7 +30,8 @@ mod vertex_colours;
 use charts::Charts;
 use nearest::CellCache;
 pub use need::{BakeNeed, check, has_images, has_looks};
-use need::{CELL_SHARE, FRAME_BYTES, IMAGE_SHARE, POINT_SHARE, free_bytes, least_work_bytes};
+use need::{CANVAS_SHARE, CELL_SHARE, FRAME_BYTES, IMAGE_SHARE, POINT_SHARE};
+use need::{free_bytes, least_work_bytes};
 use original::Original;
 pub use pages::Page;
 use pages::{Canvas, PageKind};
@@ -50,6 +52,9 @@ pub use tiles::{Photographs, TilePainter, TilePicture, TilesNeed, check_tiles, l
 pub use vertex_colours::{
     Coloured, colour_properties, colour_vertices, has_only_images, least_for_colours,
 };
+
+/// Work of filling a texel, in that of making it a part of an image.
+const FILL_WEIGHT: u64 = 8;
 
 /// Finished pages, and the texture coordinates of the result's corners in a file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -77,8 +82,9 @@ pub struct Baked {
 ///
 /// `original` is the input as it was opened, texture coordinates at its corners; `shape` has no degenerate faces.
 /// Memory: the result with its charts (about 100 bytes a triangle, 1 KiB a triangle of a block of at most 200,000), one
-/// cell of the original, one decoded image, and points under way. Disk: the original in cells with texture coordinates
-/// (about 40 bytes a triangle, three times that for a while), 4 bytes a texel, and the pages.
+/// cell of the original, one decoded image, points under way, and the texels of pages where they are a small share.
+/// Disk: the original in cells with texture coordinates (about 40 bytes a triangle, three times that for a while), 4 bytes
+/// a texel, and the pages.
 ///
 /// Errors: a budget that does not hold these, by name; an original without anything to bake.
 pub fn bake(
@@ -131,11 +137,12 @@ pub fn bake(
         charts.add_tangents(&mesh, &normals);
     }
     let mut losses = original.losses(&palette);
-    // Texels are counted twice: when they are filled, and when their page is made an image.
-    let n_texels = charts.n_covered();
+    // Texels are counted twice: when they are filled, and when their page is made an image, which is a fraction of the work.
+    let n_filled = FILL_WEIGHT * charts.n_covered();
     let n_canvases = u64::from(original.has_looks()) + u64::from(options.normals);
-    progress.count_from_zero(n_texels + n_canvases * charts.n_texels());
-    let empty = || Canvas::new(&charts.pages, means.temp_dir, means.disk);
+    progress.count_from_zero(n_filled + n_canvases * charts.n_texels());
+    let most_bytes = free_bytes / CANVAS_SHARE;
+    let empty = || Canvas::new(&charts.pages, means.temp_dir, means.disk, most_bytes);
     let canvas = |is_wanted: bool| is_wanted.then(empty).transpose();
     let mut canvases =
         Canvases { colours: canvas(original.has_looks())?, normals: canvas(options.normals)? };
@@ -154,7 +161,7 @@ pub fn bake(
             batch_bytes: free_bytes / POINT_SHARE,
             threads: means.threads,
             progress,
-            counted: n_texels,
+            counted: n_filled,
         },
         &mut CellCache::new(free_bytes / CELL_SHARE),
         &mut canvases,

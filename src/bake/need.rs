@@ -14,6 +14,8 @@ use stonecut_system::units::{memory_word, show_bytes};
 /// Shares of the memory: cells of the original, decoded images, points under way.
 pub(super) const CELL_SHARE: u64 = 3;
 pub(super) const IMAGE_SHARE: u64 = 3;
+/// Texels of pages that stay in memory, for colours and for directions; larger ones go to disk.
+pub(super) const CANVAS_SHARE: u64 = 12;
 /// The rest is for cells and images while they are read.
 pub(super) const POINT_SHARE: u64 = 10;
 
@@ -41,14 +43,20 @@ const CELL_BYTES: u64 = 260;
 const BATCH_BYTES: u64 = 64 << 20;
 
 /// Texels of pages for a texel that shows the surface.
-const PAGE_TEXELS: f64 = 1.6;
+const PAGE_TEXELS: f64 = 1.45;
 
 /// Texels for a triangle of an original without images: two for the side of a mean triangle.
 const PLAIN_TEXELS: f64 = 2.0;
 
 /// Bytes of a page's file for a texel of it.
-const JPEG_BYTES: f64 = 0.25;
+const JPEG_BYTES: f64 = 0.18;
 const PNG_BYTES: f64 = 1.3;
+
+/// Bytes of a texel while pages are filled.
+const BYTES_PER_TEXEL: f64 = 4.0;
+
+/// Share of an image's memory that its own size takes, without the halves of it.
+const WITHOUT_HALVES: f64 = 0.75;
 
 /// Blocks of faces whose coordinates are looked at.
 const MOST_BLOCKS: u64 = 8;
@@ -116,22 +124,29 @@ pub fn check(
     let images = palette.decoded_bytes();
     let least = least_work_bytes(&palette);
     let free = free_bytes(n_triangles, (taken, least), memory_bytes)?;
-    let n_texels = texels(original, &palette, options)?;
+    let Texels { n: n_texels, are_fewer } = texels(original, &palette, options)?;
     let n_in = original.n_triangles();
     let n_canvases = u64::from(has_looks(original)) + u64::from(options.normals);
     let on_pages = PAGE_TEXELS * n_texels * n_canvases as f64;
     let bytes_each = if palette.is_photographic() { JPEG_BYTES } else { PNG_BYTES };
     let cells = CELL_BYTES * n_in;
+    // Pages that are as dense as the images need no halves of these.
+    let share = if are_fewer { 1.0 } else { WITHOUT_HALVES };
+    let decoded = (share * images.iter().sum::<u64>() as f64) as u64;
+    let canvas = (BYTES_PER_TEXEL * on_pages / n_canvases.max(1) as f64) as u64;
+    let is_held = canvas <= free / CANVAS_SHARE;
+    let on_disk = if is_held { 0 } else { n_canvases * canvas };
     let work = (free / CELL_SHARE).min(cells)
-        + (free / IMAGE_SHARE).min(images.iter().sum())
-        + (free / POINT_SHARE).min(BATCH_BYTES);
+        + (free / IMAGE_SHARE).min(decoded)
+        + (free / POINT_SHARE).min(BATCH_BYTES)
+        + if is_held { n_canvases * canvas } else { 0 };
     let cpu_seconds = SECONDS_PER_TEXEL * n_texels
         + SECONDS_PER_PAGE_TEXEL * on_pages
         + SECONDS_PER_PIXEL * palette.n_pixels() as f64
         + SECONDS_PER_TRIANGLE * n_in as f64
         + SECONDS_PER_CHART_TRIANGLE * n_triangles as f64;
     Ok(BakeNeed {
-        temp_bytes: CORNER_BYTES * original.n_corners() + (4.0 * on_pages) as u64,
+        temp_bytes: CORNER_BYTES * original.n_corners() + on_disk,
         page_bytes: (bytes_each * on_pages) as u64,
         n_texels: n_texels as u64,
         n_images: images.len() as u64,
@@ -141,8 +156,15 @@ pub fn check(
     })
 }
 
+/// Texels of a surface on its pages.
+struct Texels {
+    n: f64,
+    /// True if pages do not hold all that the images have.
+    are_fewer: bool,
+}
+
 /// Texels of the surface, about: those that coordinates reach in the images, as far as pages hold them.
-fn texels(original: &MeshSource, palette: &Palette, options: &Options) -> Result<f64> {
+fn texels(original: &MeshSource, palette: &Palette, options: &Options) -> Result<Texels> {
     let n_blocks = original.n_face_blocks();
     let mut n = PLAIN_TEXELS * original.n_triangles() as f64;
     if palette.has_images() && n_blocks > 0 {
@@ -155,7 +177,7 @@ fn texels(original: &MeshSource, palette: &Palette, options: &Options) -> Result
             for (uv, &material) in looks.texture.iter().zip(&looks.materials) {
                 let paint = palette.paints.get(material as usize);
                 let Some(map) = paint.and_then(|paint| paint.base.as_ref()) else { continue };
-                let texels = map.texels_per_coordinate().powi(2) * super::grid::area(uv);
+                let texels = map.texels_per_coordinate.powi(2) * super::grid::area(uv);
                 reached += if texels.is_finite() { texels } else { 0.0 };
             }
         }
@@ -165,7 +187,7 @@ fn texels(original: &MeshSource, palette: &Palette, options: &Options) -> Result
     let room = options.most_pages.map_or(f64::INFINITY, |most| {
         f64::from(most) * f64::from(options.page_size).powi(2) / PAGE_TEXELS
     });
-    Ok(n.min(room))
+    Ok(Texels { n: n.min(room), are_fewer: n > room })
 }
 
 /// Bytes for the places that cells of an original share, about: the rim of a square patch of a cell's triangles.

@@ -165,6 +165,8 @@ pub(super) struct Face {
     triangle: usize,
     /// Its corner that comes first in canonical order.
     first: usize,
+    /// Texture coordinates of its corners, where there are any: u, then v.
+    uv: Option<[[f64; 3]; 2]>,
     /// Texture coordinates per unit of length.
     per_unit: f32,
     /// True if it faces the side that the point's own surface does.
@@ -288,9 +290,10 @@ impl Original {
                 sum.add(area);
                 let Some(map) = map_of(palette, material) else { continue };
                 let corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+                let uv = self.corner_uv(&mesh, t);
                 let is_known =
-                    corners.iter().all(|&weights| map.leads_to_texels(self.uv(&mesh, t, weights)));
-                let per_unit = f64::from(self.per_unit(&mesh, t)) * map.texels_per_coordinate();
+                    corners.iter().all(|&weights| map.leads_to_texels(uv_at(uv, weights)));
+                let per_unit = f64::from(self.per_unit(&mesh, t)) * map.texels_per_coordinate;
                 match is_known {
                     true => densities.add(area, per_unit),
                     false => n_lost += 1,
@@ -386,25 +389,17 @@ impl Original {
         Ok(Cell { mesh, material, normals, tree })
     }
 
-    /// Texture coordinates at a point of a triangle.
-    fn uv(&self, mesh: &Mesh, triangle: usize, weights: [f64; 3]) -> [f32; 2] {
-        let Some(channels) = self.texture else { return [f32::NAN; 2] };
-        channels.map(|channel| {
-            let value = |v: u32| f64::from(mesh.channels_of(v)[channel]);
-            let terms = mesh.triangles[triangle].iter().zip(weights);
-            terms.map(|(&v, weight)| weight * value(v)).sum::<f64>() as f32
-        })
+    /// Texture coordinates of a triangle's corners.
+    fn corner_uv(&self, mesh: &Mesh, triangle: usize) -> Option<[[f64; 3]; 2]> {
+        let corners = mesh.triangles[triangle];
+        let of = |channel| corners.map(|v| f64::from(mesh.channels_of(v)[channel]));
+        self.texture.map(|channels| channels.map(of))
     }
 
     /// Texture coordinates per unit of length on a triangle: the root of the ratio of areas.
     fn per_unit(&self, mesh: &Mesh, t: usize) -> f32 {
-        let uv = |k: usize| {
-            let mut weights = [0.0; 3];
-            weights[k] = 1.0;
-            self.uv(mesh, t, weights).map(f64::from)
-        };
-        let (a, b, c) = (uv(0), uv(1), uv(2));
-        let cross = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+        let [u, v] = self.corner_uv(mesh, t).unwrap_or([[f64::NAN; 3]; 2]);
+        let cross = (u[1] - u[0]) * (v[2] - v[0]) - (v[1] - v[0]) * (u[2] - u[0]);
         (0.5 * cross.abs() / triangle::area(&mesh.corners(t))).sqrt() as f32
     }
 
@@ -415,6 +410,7 @@ impl Original {
         Face {
             triangle,
             first: triangle::rotation(&cell.mesh.corners(triangle)),
+            uv: self.corner_uv(&cell.mesh, triangle),
             per_unit: if per_unit.is_finite() { per_unit } else { 0.0 },
             faces: dot(triangle::area_normal(cell.tree.corners(slot)), normal) > 0.0,
         }
@@ -438,7 +434,7 @@ impl Original {
             distance_sq,
             faces: face.faces,
             material: cell.material[t],
-            uv: self.uv(&cell.mesh, t, weights),
+            uv: uv_at(face.uv, weights),
             per_unit: face.per_unit,
             colour,
             normal: self.normals.at(&cell.mesh, &cell.normals, t, weights),
@@ -476,6 +472,13 @@ impl Original {
 /// The colour image of a material.
 pub(super) fn map_of(palette: &Palette, material: u32) -> Option<&MapUse> {
     palette.paints.get(material as usize)?.base.as_ref()
+}
+
+/// Texture coordinates at a point of a triangle with those of its corners; NaN without any.
+fn uv_at(corners: Option<[[f64; 3]; 2]>, [a, b, c]: [f64; 3]) -> [f32; 2] {
+    corners.map_or([f32::NAN; 2], |corners| {
+        corners.map(|[of_a, of_b, of_c]| (a * of_a + b * of_b + c * of_c) as f32)
+    })
 }
 
 /// Place of the number of the material in records.

@@ -1,10 +1,11 @@
 //! Charts on pages: the scale, the gutters and the places.
 //!
 //! Charts have no unit; the scale is looked for here, by packing again. A chart is placed by its outline: what it covers
-//! from above and from below in each column. It drops onto the charts that are there already, where it leaves least room
-//! below it. There is a place for every number of charts: where texels are fewer than charts, charts share them.
+//! from above and from below in each column. It drops onto the charts that are there already, as it is or turned by 180
+//! degrees, where it leaves least room below it. There is a place for every number of charts: where texels are fewer than charts, charts share them.
 
 use super::flatten::Flat;
+use super::horizon::{Filled, NOTHING, Outline, Place};
 use super::settings::{NONE, padding};
 use std::ops::Range;
 use stonecut_system::error::Result;
@@ -33,12 +34,6 @@ const COLUMNS: f64 = 24.0;
 
 /// Widths that a page of any size is tried in.
 const MOST_WIDTHS: u32 = 8;
-
-/// First row of a column that a chart does not cover.
-const NOTHING: i16 = i16::MAX / 2;
-
-/// Charts that do not fit on a page, one after the other, before it is left.
-const MOST_MISSES: u32 = 48;
 
 /// Triangles on pages.
 pub(super) struct Packed {
@@ -86,8 +81,8 @@ struct Pieces {
 /// Pages and the places of pieces on them.
 struct Layout {
     pages: Vec<[u32; 2]>,
-    /// For each piece its page and the texel of its upper left corner.
-    places: Vec<(u32, [u32; 2])>,
+    /// For each piece its page and its place there.
+    places: Vec<(u32, Place)>,
 }
 
 /// Packs charts at the scale that is wanted, or at about the largest that fits.
@@ -208,7 +203,8 @@ impl Pieces {
             let outline = &outlines[i as usize];
             (std::cmp::Reverse((outline.height, outline.under.len())), i)
         });
-        let mut out = Layout { pages: Vec::new(), places: vec![(0, [0; 2]); self.pieces.len()] };
+        let mut out =
+            Layout { pages: Vec::new(), places: vec![(0, Place::default()); self.pieces.len()] };
         let mut filled: f64 = left.iter().map(|&i| outlines[i as usize].filled(step)).sum();
         while !left.is_empty() {
             if out.pages.len() >= most {
@@ -245,8 +241,12 @@ impl Pieces {
             if found.missed.len() == left.len() {
                 return None;
             }
-            for (i, [x, y]) in found.places {
-                out.places[i as usize] = (number, [x + self.gutter, y + self.gutter]);
+            for (i, Place { corner, is_turned }) in found.places {
+                let corner = match is_turned {
+                    true => corner.map(|at| at - self.gutter),
+                    false => corner.map(|at| at + self.gutter),
+                };
+                out.places[i as usize] = (number, Place { corner, is_turned });
             }
             out.pages.push([width, found.height.next_multiple_of(SIDE_STEP).min(page_size)]);
             left = found.missed;
@@ -302,8 +302,7 @@ impl Pieces {
         };
         let (under, over): (Vec<i16>, Vec<i16>) =
             under.into_iter().zip(over).map(|(under, over)| outline(under, over)).unzip();
-        let height = over.iter().copied().max().unwrap_or(0);
-        Outline { under, over, height }
+        Outline::new(under, over)
     }
 
     /// Pages on which charts share texels, as many charts as it takes: neighbours first.
@@ -315,7 +314,8 @@ impl Pieces {
             let texel = i / shared;
             let (page, at) =
                 (texel / u64::from(page_size).pow(2), texel % u64::from(page_size).pow(2));
-            (page as u32, [at % u64::from(page_size), at / u64::from(page_size)].map(|x| x as u32))
+            let corner = [at % u64::from(page_size), at / u64::from(page_size)].map(|x| x as u32);
+            (page as u32, Place { corner, is_turned: false })
         };
         let places: Vec<_> = (0..n).map(place).collect();
         let n_pages = places.last().map_or(1, |(page, _)| page + 1);
@@ -334,12 +334,16 @@ impl Pieces {
         };
         for (number, (piece, (page, place))) in self.pieces.iter().zip(&layout.places).enumerate() {
             // What is smaller than a texel lies in its middle.
-            let off = [0, 1].map(|k| f64::from(place[k]) + ((1.0 - piece.size[k]) / 2.0).max(0.0));
+            let sign = if place.is_turned { -1.0 } else { 1.0 };
+            let off = [0, 1].map(|k| {
+                f64::from(place.corner[k]) + sign * ((1.0 - piece.size[k]) / 2.0).max(0.0)
+            });
             for &t in &self.order[piece.triangles.clone()] {
                 let t = t as usize;
                 (out.page[t], out.chart[t]) = (*page, number as u32);
                 out.corners[t] = flat.corners[t].map(|p| {
-                    [0, 1].map(|k| (off[k] + piece.scale * (f64::from(p[k]) - piece.low[k])) as f32)
+                    let at = |k: usize| sign * piece.scale * (f64::from(p[k]) - piece.low[k]);
+                    [0, 1].map(|k| (off[k] + at(k)) as f32)
                 });
             }
         }
@@ -375,109 +379,6 @@ fn gutter(pieces: &[Piece], page_size: u32) -> u32 {
         gutter /= 2;
     }
     gutter
-}
-
-/// Rows that a chart covers in each column, from the upper edge of its box downwards.
-struct Outline {
-    /// First row.
-    under: Vec<i16>,
-    /// Row behind the last.
-    over: Vec<i16>,
-    height: i16,
-}
-
-impl Outline {
-    /// Texels between the outlines.
-    fn filled(&self, step: u32) -> f64 {
-        let rows = self.under.iter().zip(&self.over).map(|(&under, &over)| i64::from(over - under));
-        rows.map(|n| n.max(0)).sum::<i64>() as f64 * f64::from(step)
-    }
-}
-
-/// A page with charts.
-struct Filled {
-    /// Pieces and the texels of their upper left corners, gutters included.
-    places: Vec<(u32, [u32; 2])>,
-    /// Pieces that have no place, in order.
-    missed: Vec<u32>,
-    height: u32,
-}
-
-impl Filled {
-    fn new([width, height]: [u32; 2], step: u32, pieces: &[u32], outlines: &[Outline]) -> Filled {
-        let mut page = Horizon::new(width, height, step);
-        let (mut places, mut missed, mut n_misses) = (Vec::new(), Vec::new(), 0);
-        for (at, &i) in pieces.iter().enumerate() {
-            if n_misses >= MOST_MISSES {
-                missed.extend_from_slice(&pieces[at..]);
-                break;
-            }
-            match page.put(&outlines[i as usize]) {
-                Some(place) => {
-                    places.push((i, place));
-                    n_misses = 0;
-                }
-                None => {
-                    missed.push(i);
-                    n_misses += 1;
-                }
-            }
-        }
-        Filled { places, missed, height: page.height() }
-    }
-}
-
-/// The rows of a page that are taken in each column.
-struct Horizon {
-    rows: Vec<i16>,
-    most: i16,
-    step: u32,
-    tops: Vec<i16>,
-}
-
-impl Horizon {
-    fn new(width: u32, most_height: u32, step: u32) -> Horizon {
-        let n = (width / step) as usize;
-        Horizon { rows: vec![0; n], most: most_height as i16, step, tops: Vec::new() }
-    }
-
-    fn height(&self) -> u32 {
-        self.rows.iter().copied().max().unwrap_or(0) as u32
-    }
-
-    /// Puts a chart where it leaves least room below itself and is not high up; `None` if it does not fit.
-    fn put(&mut self, outline: &Outline) -> Option<[u32; 2]> {
-        let n = outline.under.len();
-        let n_places = (self.rows.len() + 1).checked_sub(n)?;
-        // The row that the chart drops to at each place.
-        self.tops.clear();
-        self.tops.resize(n_places, 0);
-        for (i, &under) in outline.under.iter().enumerate() {
-            for (top, &row) in self.tops.iter_mut().zip(&self.rows[i..]) {
-                *top = (*top).max(row - under);
-            }
-        }
-        let mut below: i64 = self.rows[..n].iter().map(|&row| i64::from(row)).sum();
-        let mut best: Option<(i64, usize)> = None;
-        for (x, &top) in self.tops.iter().enumerate() {
-            if top <= self.most - outline.height {
-                // Room below, and the rows up to there once more.
-                let cost = 2 * n as i64 * i64::from(top) - below;
-                if best.is_none_or(|(least, _)| cost < least) {
-                    best = Some((cost, x));
-                }
-            }
-            if x + n < self.rows.len() {
-                below += i64::from(self.rows[x + n]) - i64::from(self.rows[x]);
-            }
-        }
-        let (_, x) = best?;
-        let top = self.tops[x];
-        for (row, &over) in self.rows[x..].iter_mut().zip(&outline.over) {
-            *row = if over > 0 { (*row).max(top + over) } else { *row };
-        }
-        Some([x as u32 * self.step, top as u32])
-    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Pages: texels in a file without a name while they are filled, images when they are done.
+//! Pages: texels in memory, or in a file without a name, while they are filled, images when they are done.
 //!
 //! Colours grow beyond the borders of charts, so that neither filtering nor smaller sizes of an image mix what lies
 //! between charts into them; what is then left has the mean colour of the page. Rows go through memory in bands.
@@ -8,10 +8,10 @@ use super::settings::{Means, PADDING};
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::fs::File;
-use std::io::Write;
+use std::io::{BufWriter, Write};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
-use stonecut_system::disk::{Disk, DiskFile, scratch_file};
+use stonecut_system::disk::{Disk, DiskFile, scratch_file_of};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::parallel::in_order;
 use stonecut_system::progress::Progress;
@@ -27,6 +27,9 @@ const BAND_ROWS: u32 = 64;
 
 /// Steps by which colours grow: one more than the charts are apart from the middle between them.
 const GROWTH: u32 = PADDING + 1;
+
+/// Bytes of an image that are written together.
+const OUT_BYTES: usize = 1 << 18;
 
 /// Quality of JPEG pages, of 100.
 const JPEG_QUALITY: u8 = 90;
@@ -76,9 +79,15 @@ pub(super) struct Texel {
     pub pixel: [u8; 4],
 }
 
+/// Place of the texels of pages.
+enum Store {
+    Memory(Vec<u8>),
+    File(File),
+}
+
 /// Pages while they are filled.
 pub(super) struct Canvas {
-    file: File,
+    store: Store,
     folder: PathBuf,
     sizes: Vec<[u32; 2]>,
     /// Place of each page in the file.
@@ -89,26 +98,31 @@ pub(super) struct Canvas {
 }
 
 impl Canvas {
-    /// Empty pages of given width and height. Disk: 4 bytes a texel, taken as they are filled.
-    pub fn new(sizes: &[[u32; 2]], folder: &Path, disk: &Disk) -> Result<Canvas> {
+    /// Empty pages of given width and height. Memory, if that is not beyond `most_bytes`, otherwise disk: 4 bytes a texel, taken
+    /// as they are filled.
+    pub fn new(sizes: &[[u32; 2]], folder: &Path, disk: &Disk, most_bytes: u64) -> Result<Canvas> {
         let fail = |e| Error::io(folder, "cannot write temporary data", e);
-        let file = scratch_file(folder).map_err(fail)?;
         let (mut starts, mut end) = (Vec::new(), 0);
         for [width, height] in sizes {
             starts.push(end);
             end += BYTES as u64 * u64::from(*width) * u64::from(*height);
         }
-        file.set_len(end).map_err(fail)?;
+        let store = if end <= most_bytes {
+            Store::Memory(vec![0; end as usize])
+        } else {
+            Store::File(scratch_file_of(folder, end).map_err(fail)?)
+        };
         let folder = folder.to_path_buf();
         let (sizes, account) = (sizes.to_vec(), disk.part());
-        Ok(Canvas { file, folder, sizes, starts, has_alpha: false, account })
+        Ok(Canvas { store, folder, sizes, starts, has_alpha: false, account })
     }
 
     /// Accounts for the disk that the pages take, once they are filled.
     pub fn count(&self) {
         use std::os::unix::fs::MetadataExt;
-        let taken = self.file.metadata().map_or(0, |meta| meta.blocks() * 512);
-        self.account.adopt(taken);
+        if let Store::File(file) = &self.store {
+            self.account.adopt(file.metadata().map_or(0, |meta| meta.blocks() * 512));
+        }
     }
 
     /// Writes texels of a page, given row by row.
@@ -125,9 +139,13 @@ impl Canvas {
                 bytes.extend_from_slice(&pixel);
             }
             let at = u64::from(run[0].row) * u64::from(width) + u64::from(run[0].column);
-            self.file
-                .write_all_at(&bytes, start + BYTES as u64 * at)
-                .map_err(|e| Error::io(&self.folder, "cannot write temporary data", e))?;
+            let at = start + BYTES as u64 * at;
+            match &mut self.store {
+                Store::Memory(all) => all[at as usize..][..bytes.len()].copy_from_slice(&bytes),
+                Store::File(file) => file
+                    .write_all_at(&bytes, at)
+                    .map_err(|e| Error::io(&self.folder, "cannot write temporary data", e))?,
+            }
         }
         Ok(())
     }
@@ -136,38 +154,43 @@ impl Canvas {
     ///
     /// Memory: 100 rows of a page a thread.
     pub fn finish(
-        &self,
+        self,
         kind: PageKind,
         (place, name): (&Path, &str),
         means: Means,
     ) -> Result<(Vec<Page>, u64)> {
-        let (mut pages, mut n_covered) = (Vec::new(), 0);
+        let (mut pages, mut files, mut n_covered) = (Vec::new(), Vec::new(), 0);
+        let canvas = &self;
         in_order(
             self.sizes.len() as u64,
             means.threads,
             means.progress,
-            |number, out: &mut Option<(Page, u64)>| {
+            |number, out: &mut Option<(Page, DiskFile, u64)>| {
                 let number = number as usize;
-                let [width, height] = self.sizes[number];
+                let [width, height] = canvas.sizes[number];
                 let path = place.join(format!("{name}-page-{number}.part"));
-                let (mut mean, covered) = self.mean(number)?;
+                let (mut mean, covered) = canvas.mean(number)?;
                 if kind == PageKind::Directions {
                     mean = STRAIGHT_PIXEL;
                 }
-                let rows =
-                    Rows { canvas: self, page: number, mean, progress: Some(means.progress) };
-                let bytes = rows.write(kind, &path, means.disk)?;
-                *out = Some((Page { path, kind, width, height, bytes }, covered));
+                let rows = Rows { canvas, page: number, mean, progress: Some(means.progress) };
+                let file = rows.write(kind, &path, means.disk)?;
+                let bytes = file.length();
+                *out = Some((Page { path, kind, width, height, bytes }, file, covered));
                 Ok(())
             },
             |_, page| {
-                if let Some((page, covered)) = page.take() {
+                if let Some((page, file, covered)) = page.take() {
                     pages.push(page);
+                    files.push(file);
                     n_covered += covered;
                 }
                 Ok(())
             },
         )?;
+        // Texels that are still on their way to the disk would go there with the images: a sync waits for them.
+        drop(self);
+        files.iter_mut().try_for_each(DiskFile::sync)?;
         Ok((pages, n_covered))
     }
 
@@ -202,9 +225,13 @@ impl Canvas {
         let end = end.min(height);
         let mut pixels = vec![EMPTY; width as usize * (end - first) as usize];
         let at = self.starts[page] + BYTES as u64 * u64::from(width) * u64::from(first);
-        self.file
-            .read_exact_at(bytemuck::cast_slice_mut(&mut pixels), at)
-            .map_err(|e| Error::reading(&self.folder, "cannot read temporary data", e))?;
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut pixels);
+        match &self.store {
+            Store::Memory(all) => bytes.copy_from_slice(&all[at as usize..][..bytes.len()]),
+            Store::File(file) => file
+                .read_exact_at(bytes, at)
+                .map_err(|e| Error::reading(&self.folder, "cannot read temporary data", e))?,
+        }
         Ok(pixels)
     }
 }
@@ -249,10 +276,13 @@ impl Rows<'_> {
         Ok(band)
     }
 
-    fn write(&self, kind: PageKind, path: &Path, disk: &Disk) -> Result<u64> {
-        let mut out = Out { file: disk.create(path)?, failed: None };
+    fn write(&self, kind: PageKind, path: &Path, disk: &Disk) -> Result<DiskFile> {
+        // The encoder of JPEG writes some bytes at a time.
+        let out = Out { file: disk.create(path)?, failed: None };
+        let mut out = BufWriter::with_capacity(OUT_BYTES, out);
         let result = self.encode(kind, &mut out);
-        out.finish(result)
+        let result = result.and_then(|()| out.flush().map_err(|error| not_encoded(&error)));
+        out.into_parts().0.finish(result)
     }
 
     fn encode(&self, kind: PageKind, out: impl Write) -> Result<()> {
@@ -329,13 +359,11 @@ impl Write for Out {
 }
 
 impl Out {
-    fn finish(mut self, result: Result<()>) -> Result<u64> {
-        if let Some(error) = self.failed.take() {
-            return Err(error);
+    fn finish(mut self, result: Result<()>) -> Result<DiskFile> {
+        match self.failed.take() {
+            Some(error) => Err(error),
+            None => result.map(|()| self.file),
         }
-        result?;
-        self.file.sync()?;
-        Ok(self.file.length())
     }
 }
 
@@ -453,7 +481,10 @@ mod tests {
     fn bands_do_not_show() {
         let folder = tempfile::tempdir().unwrap();
         let size = [40, 200];
-        let mut canvas = Canvas::new(&[[8, 8], size], folder.path(), &Disk::default()).unwrap();
+        let disk = Disk::default();
+        let canvas =
+            |bytes: u64| Canvas::new(&[[8, 8], size], folder.path(), &disk, bytes).unwrap();
+        let (mut canvas, mut on_disk) = (canvas(1 << 20), canvas(0));
         let mut texels = Vec::new();
         for row in (5..190).step_by(17) {
             for column in 10..20 {
@@ -461,6 +492,8 @@ mod tests {
             }
         }
         canvas.put(1, &texels).unwrap();
+        on_disk.put(1, &texels).unwrap();
+        assert_eq!(canvas.read(1, 0, 200).unwrap(), on_disk.read(1, 0, 200).unwrap());
         let (mean, n) = canvas.mean(1).unwrap();
         assert_eq!(n, texels.len() as u64);
         let rows = Rows { canvas: &canvas, page: 1, mean, progress: None };

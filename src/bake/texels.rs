@@ -36,10 +36,10 @@ const BANDS: u64 = 16;
 
 /// Points for a side of a texel: one where the page is as dense as the original's images, more where these are denser.
 /// Beyond, smaller sizes of them are read.
-const SIDES: [u32; 4] = [1, 2, 3, 4];
+const SIDES: [u32; 2] = [1, 2];
 
 /// Pixels of the original between points at most.
-const MOST_APART: [f64; 4] = [1.1, 0.75, 0.75, 0.75];
+const MOST_APART: [f64; 2] = [1.1, 0.75];
 
 /// Half of the height in texels below which a triangle gets two points for a side at least: it may lie between others.
 const THIN: f64 = 0.75;

@@ -5,7 +5,7 @@
 
 use super::charts::Charts;
 use super::nearest::CellCache;
-use super::need::{CELL_SHARE, IMAGE_SHARE, POINT_SHARE, least_work_bytes};
+use super::need::{CANVAS_SHARE, CELL_SHARE, IMAGE_SHARE, POINT_SHARE, least_work_bytes};
 use super::original::{Original, staging_bytes};
 use super::pages::{Canvas, PageKind};
 use super::projected::{Projected, project};
@@ -232,7 +232,9 @@ impl TilePainter<'_> {
             },
         )?;
         let (mesh, charts) = (joined(tiles), joined_charts(&pages));
-        let colours = Some(Canvas::new(&charts.pages, self.means.temp_dir, self.means.disk)?);
+        let Means { temp_dir, disk, .. } = self.means;
+        let most_bytes = self.from.free_bytes / CANVAS_SHARE;
+        let colours = Some(Canvas::new(&charts.pages, temp_dir, disk, most_bytes)?);
         let mut canvases = Canvases { colours, normals: None };
         let scene = Scene {
             mesh: &mesh,

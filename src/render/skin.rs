@@ -176,12 +176,12 @@ impl Group<'_> {
     fn coloured(&self, sample: &Sample) -> Option<Sample> {
         let paint = &self.skins.palette.paints[sample.material as usize];
         let [u, v, width] = sample.color;
-        let scale = first_map(paint).map_or(1.0, MapUse::texels_per_coordinate);
+        let scale = first_map(paint).map_or(1.0, |map| map.texels_per_coordinate);
         let look_in = |map: Option<&MapUse>| -> Option<(&Decoded, Light)> {
             let map = map?;
             let place = self.numbers.binary_search(&map.image).ok()?;
             let image: &Decoded = self.decoded[place].as_ref()?;
-            let width = f64::from(width) * map.texels_per_coordinate() / scale;
+            let width = f64::from(width) * map.texels_per_coordinate / scale;
             let is_bumps = paint.normal.as_ref() == Some(map);
             let images = &self.skins.images;
             let table = if is_bumps { &images.plain } else { &images.table };

@@ -138,20 +138,19 @@ impl Decoded {
         read.map_err(|error| error.to_string())?;
         let mut pixels = pixels_of(&bytes, picture.size)?;
         if picture.is_opaque {
-            pixels.pixels_mut().for_each(|pixel| pixel.0[3] = 255);
+            pixels.pixels.iter_mut().for_each(|pixel| pixel[3] = 255);
         }
-        Ok(Decoded::of_pixels(pixels))
+        Ok(Decoded::of_level(pixels))
     }
 
     /// Decodes the file of an image whose head names `size`; the error says in words why that is not possible.
     pub(super) fn of_bytes(bytes: &[u8], size: [u32; 2]) -> Result<Decoded, String> {
-        Ok(Decoded::of_pixels(pixels_of(bytes, size)?))
+        Ok(Decoded::of_level(pixels_of(bytes, size)?))
     }
 
-    fn of_pixels(pixels: image::RgbaImage) -> Decoded {
-        let has_opacity = pixels.pixels().any(|pixel| pixel.0[3] < 255);
-        let size = [pixels.width(), pixels.height()];
-        let first = Level { size, pixels: pixels.into_raw().as_chunks::<4>().0.to_vec() };
+    fn of_level(first: Level) -> Decoded {
+        let size = first.size;
+        let has_opacity = first.pixels.iter().any(|pixel| pixel[3] < 255);
         let n_levels = 1 + size[0].max(size[1]).max(1).ilog2() as usize;
         let mut levels = vec![OnceLock::from(first)];
         levels.resize_with(n_levels, OnceLock::new);
@@ -174,7 +173,8 @@ impl Decoded {
     /// The colour at coordinates, mixed of four texels, in the size in which a point is about `width` texels of the
     /// whole image apart from the next; `None` where coordinates are not numbers.
     pub fn at(&self, map: &MapUse, uv: [f32; 2], width: f32, table: &LightTable) -> Option<Light> {
-        let halvings = if width > 1.0 { width.log2().round() as usize } else { 0 };
+        // Up to the root of 2 it is the whole image.
+        let halvings = if width > 1.414 { width.log2().round() as usize } else { 0 };
         self.in_level(halvings, map, uv, table)
     }
 
@@ -222,10 +222,13 @@ impl Decoded {
 }
 
 /// Decodes the file of an image whose head names `size`; the error says in words why that is not possible.
-fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<image::RgbaImage, String> {
+fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<Level, String> {
+    if let Some(pixels) = super::jpeg::pixels_of(bytes, size) {
+        return Ok(Level { size, pixels });
+    }
     if bytes.starts_with(KTX2_MAGIC) {
         #[cfg(feature = "ktx2")]
-        return super::ktx2_image::pixels_of(bytes, size);
+        return super::ktx2_image::pixels_of(bytes, size).map(Level::of_image);
         #[cfg(not(feature = "ktx2"))]
         return Err(
             "KTX2, which this build does not read; turn it into JPEG or PNG first (gltf-transform), or build with the \
@@ -249,7 +252,7 @@ fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<image::RgbaImage, String> {
     let is_linear = reader.format() == Some(image::ImageFormat::OpenExr);
     let decoded = reader.decode().map_err(|error| error.to_string())?;
     if !is_linear {
-        return Ok(decoded.into_rgba8());
+        return Ok(Level::of_image(decoded.into_rgba8()));
     }
     // OpenEXR holds light; brighter than white is white.
     let mut pixels = image::RgbaImage::new(decoded.width(), decoded.height());
@@ -258,7 +261,7 @@ fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<image::RgbaImage, String> {
         let [r, g, b, opacity] = from.0;
         to.0 = [value(r), value(g), value(b), (255.0 * opacity.clamp(0.0, 1.0)).round() as u8];
     }
-    Ok(pixels)
+    Ok(Level::of_image(pixels))
 }
 
 /// Texels along a side of `n` that become texel `to` of half the side, and their shares: two, and three of an odd side.
@@ -275,16 +278,30 @@ fn merged(n: u32, to: u32) -> impl Iterator<Item = (usize, f32)> {
 }
 
 impl Level {
+    fn of_image(image: image::RgbaImage) -> Level {
+        let size = [image.width(), image.height()];
+        Level { size, pixels: image.into_raw().as_chunks::<4>().0.to_vec() }
+    }
+
     /// The same in half the size, rounded down.
     fn half(&self, table: &LightTable) -> Level {
         let size = self.size.map(|side| (side / 2).max(1));
         let mut pixels = Vec::with_capacity(size[0] as usize * size[1] as usize);
         if self.size.iter().all(|side| side % 2 == 0) {
             // The sums of below, many times as fast.
+            let values = VALUES.get_or_init(Values::new);
+            let light = |value: u8| table.light[usize::from(value)];
             for rows in self.pixels.chunks_exact(2 * self.size[0] as usize) {
                 let (upper, lower) = rows.split_at(self.size[0] as usize);
                 let pairs = upper.as_chunks::<2>().0.iter().zip(lower.as_chunks::<2>().0);
                 pixels.extend(pairs.map(|(&[a, b], &[c, d])| {
+                    let is_opaque = a[3] & b[3] & c[3] & d[3] == 255;
+                    if is_opaque && !table.is_plain {
+                        let mean = |k: usize| {
+                            0.25 * (light(a[k]) + light(b[k]) + light(c[k]) + light(d[k]))
+                        };
+                        return [values.of(mean(0)), values.of(mean(1)), values.of(mean(2)), 255];
+                    }
                     let [a, b, c, d] = [a, b, c, d].map(|pixel| table.of(pixel));
                     let mean = |k: usize| 0.25 * (a[k] + b[k] + c[k] + d[k]);
                     table.pixel([mean(0), mean(1), mean(2), mean(3)])
@@ -547,7 +564,7 @@ mod tests {
     fn decoded(pixels: &[[u8; 4]]) -> Decoded {
         let bytes = pixels.as_flattened().to_vec();
         let image = image::RgbaImage::from_raw(pixels.len() as u32, 1, bytes).unwrap();
-        Decoded::of_pixels(image)
+        Decoded::of_level(Level::of_image(image))
     }
 
     #[test]

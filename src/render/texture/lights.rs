@@ -51,7 +51,7 @@ impl Look<'_> {
     fn at(&self, paint: &Paint, image: usize, spot: &Spot, cache: &ImageCache) -> Option<Light> {
         let map = self.role.map(paint)?;
         let decoded = self.images[self.group.binary_search(&image).ok()?].as_ref()?;
-        let width = spot.apart * map.texels_per_coordinate();
+        let width = spot.apart * map.texels_per_coordinate;
         let light = decoded.at(map, spot.uv, width as f32, &cache.table)?;
         Some(match self.role {
             Role::Base => light,

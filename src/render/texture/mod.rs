@@ -6,6 +6,7 @@
 
 mod frames;
 mod images;
+mod jpeg;
 #[cfg(feature = "ktx2")]
 mod ktx2_image;
 mod lights;

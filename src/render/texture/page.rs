@@ -45,7 +45,7 @@ pub fn add_corners(
             continue;
         }
         for k in 0..3 {
-            let width = apart(uv, k) * map.texels_per_coordinate();
+            let width = apart(uv, k) * map.texels_per_coordinate;
             if let Some(light) = decoded.at(&map, uv[k], width as f32, &table) {
                 let sum = &mut sums[t[k] as usize];
                 *sum = std::array::from_fn(|i| sum[i] + light[i] * factor[i]);

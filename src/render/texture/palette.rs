@@ -108,6 +108,8 @@ pub struct MapUse {
     wrap: [Wrap; 2],
     scale: [f64; 2],
     offset: [f64; 2],
+    /// Texels of the image for a length of 1 in its coordinates.
+    pub texels_per_coordinate: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -129,6 +131,10 @@ impl Wrap {
 
     /// The texel that stands for number `at` of a side of `n`.
     fn texel(self, at: i64, n: i64) -> usize {
+        // Nearly all are, and a division takes longer than all else.
+        if (0..n).contains(&at) {
+            return at as usize;
+        }
         let at = match self {
             Wrap::Repeat => at.rem_euclid(n),
             Wrap::Clamp => at.clamp(0, n - 1),
@@ -149,12 +155,19 @@ impl MapUse {
         let place = map.place();
         let wrap = map.wrap.map_or([Wrap::Repeat; 2], |wrap| wrap.map(Wrap::of));
         let wrap = if place.is_clamped { [Wrap::Clamp; 2] } else { wrap };
-        MapUse { image: map.image, size, wrap, scale: place.scale, offset: place.offset }
+        MapUse { wrap, ..MapUse::scaled(map.image, size, place.scale, place.offset) }
+    }
+
+    /// An image that repeats.
+    fn scaled(image: usize, size: [u32; 2], scale: [f64; 2], offset: [f64; 2]) -> MapUse {
+        let [width, height] = size.map(f64::from);
+        let texels_per_coordinate = (width * height * (scale[0] * scale[1]).abs()).sqrt();
+        MapUse { image, size, wrap: [Wrap::Repeat; 2], scale, offset, texels_per_coordinate }
     }
 
     /// An image that does not repeat, with coordinates from 0 to 1 that lead to all of it.
     pub(super) fn whole(size: [u32; 2]) -> MapUse {
-        MapUse { image: 0, size, wrap: [Wrap::Clamp; 2], scale: [1.0; 2], offset: [0.0; 2] }
+        MapUse { wrap: [Wrap::Clamp; 2], ..MapUse::scaled(0, size, [1.0; 2], [0.0; 2]) }
     }
 
     /// Place in an image of `size` at coordinates, v upwards: the four texels around it, and shares of the right and
@@ -182,12 +195,6 @@ impl MapUse {
     /// Texels of the image for a length of 1 along each of its coordinates.
     pub fn texels_along(&self) -> [f32; 2] {
         [0, 1].map(|k| (f64::from(self.size[k]) * self.scale[k].abs()) as f32)
-    }
-
-    /// Texels of the image for a length of 1 in its coordinates.
-    pub fn texels_per_coordinate(&self) -> f64 {
-        let [width, height] = self.size.map(f64::from);
-        (width * height * (self.scale[0] * self.scale[1]).abs()).sqrt()
     }
 }
 
@@ -539,6 +546,6 @@ mod tests {
         assert_eq!(at(&mirrored, [1.125, 0.75]), Some([3, 0]));
         let scaled = map("-s 2 1 1 -o 0.25 0", None);
         assert_eq!(at(&scaled, [0.0625, 0.75]), Some([1, 0]));
-        assert_eq!(scaled.texels_per_coordinate(), 4.0);
+        assert_eq!(scaled.texels_per_coordinate, 4.0);
     }
 }

@@ -297,6 +297,21 @@ pub fn scratch_file(folder: &Path) -> std::io::Result<File> {
     }
 }
 
+/// A scratch file of `n_bytes` zeros that is written in no order.
+///
+/// Its blocks are taken at once where the file system can do that: one that is filled here and there lies in thousands of
+/// pieces, and to free these takes minutes where each is discarded on the device.
+pub fn scratch_file_of(folder: &Path, n_bytes: u64) -> std::io::Result<File> {
+    use rustix::fs::{FallocateFlags, fallocate};
+    use rustix::io::Errno;
+    let file = scratch_file(folder)?;
+    match fallocate(&file, FallocateFlags::empty(), 0, n_bytes) {
+        Err(Errno::NOSPC) => return Err(Errno::NOSPC.into()),
+        Ok(()) | Err(_) => file.set_len(n_bytes)?,
+    }
+    Ok(file)
+}
+
 /// The folder a file lies in.
 pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
