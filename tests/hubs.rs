@@ -3,7 +3,7 @@
 //!
 //! Steps are counted where loops go around a vertex or look for something (`mesh::steps`), never timed. The count belongs to the
 //! process, so these tests have a program for themselves and run one after another. `cargo test --test hubs -- --ignored
-//! --nocapture` prints the table of docs/results/reliability.md, from 1,000 to 64,000 triangles.
+//! --nocapture` prints the table of docs/results/reliability.md.
 
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
 #![allow(clippy::print_stdout, clippy::print_stderr)] // The table.
@@ -177,13 +177,17 @@ fn shape(name: &str, n: u32) -> Mesh {
 
 /// Fails unless a command takes steps nearly in proportion on some shapes.
 fn assert_proportional(command: &str, shapes: &[&str]) {
+    assert_proportional_from(FEW, command, shapes);
+}
+
+fn assert_proportional_from(n: u32, command: &str, shapes: &[&str]) {
     let _one = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     let mut faults = String::new();
     for name in shapes {
-        let few = steps(command, &shape(name, FEW));
-        let many = steps(command, &shape(name, TIMES * FEW));
+        let few = steps(command, &shape(name, n));
+        let many = steps(command, &shape(name, TIMES * n));
         println!("{command}, {name}: {few} steps, then {many}");
-        if many > MOST * few.max(FREE * u64::from(FEW)) {
+        if many > MOST * few.max(FREE * u64::from(n)) {
             writeln!(faults, "{command}, {name}: {few} steps, then {many}").unwrap();
         }
     }
@@ -194,29 +198,20 @@ fn assert_proportional(command: &str, shapes: &[&str]) {
 /// triangles; of several commands, the last one is counted.
 macro_rules! commands {
     ($($name:ident: $command:literal, $shapes:expr;)*) => {
-        const COMMANDS: &[&str] = &[$($command),*];
         $(#[test] fn $name() { assert_proportional($command, $shapes) })*
+        mod table {
+            $(#[test] #[ignore = "takes minutes: a row of the table of docs/results/reliability.md"]
+            fn $name() { super::print_row($command) })*
+        }
     };
 }
 
-/// Without needles: each vertex of these looks at up to 4,096 others in `--pairs`, in proportion from 8,000 triangles on, and charts
-/// of needles are still laid flat in the square of their number.
+/// Without needles: of these 1,000 are hardly any work for `tiles`, and each vertex looks at up to 4,096 others in `--pairs`, in proportion from 8,000 triangles on.
 const HUBS: [&str; 5] = ["flat fan", "cone", "bicone", "touching cones", "book"];
-/// Commands in the table alone: they take their time, whatever the mesh is.
-const SLOW: [&str; 5] = [
-    "tiles TEXTURED OUT --tile-triangles 500 --texture bake",
-    "tiles IN OUT --tile-triangles 500; extract OUT OUT.ply --triangles HALF",
-    "simplify IN OUT.ply --ratio 50%; measure IN OUT.ply --samples 10000 --appearance --views 1",
-    "compare collapse,cluster IN -o OUT.html --ratio 50%",
-    "simplify IN OUT.ply --ratio 50% --report OUT.json; report OUT.json -o OUT.html",
-];
-/// The others take too long at 4,000 triangles.
-const ONE: [&str; 1] = ["flat fan"];
-
 commands! {
     collapse: "simplify IN OUT.ply --ratio 50%", &ALL;
     texture_kept: "simplify TEXTURED OUT.obj --ratio 50% --texture keep", &ALL;
-    texture_baked: "simplify TEXTURED OUT.obj --ratio 50% --texture bake --bake-size 256", &HUBS;
+    texture_baked: "simplify TEXTURED OUT.obj --ratio 50% --texture bake --bake-size 256", &ALL;
     pairs: "simplify IN OUT.ply --ratio 50% --pairs", &HUBS;
     optimize: "simplify IN OUT.ply --ratio 50% --optimize 1", &HUBS;
     no_self_intersections: "simplify IN OUT.ply --ratio 50% --no-self-intersections", &ALL;
@@ -226,7 +221,7 @@ commands! {
     retile: "simplify IN OUT.ply --ratio 50% --method retile", &ALL;
     progressive: "simplify IN OUT.ply --ratio 50% --progressive OUT.pm", &ALL;
     refine: "simplify IN OUT.ply --ratio 10% --progressive OUT.pm; refine OUT.pm OUT2.ply --triangles HALF", &ALL;
-    tiles: "tiles IN OUT --tile-triangles 500", &ONE;
+    tiles: "tiles IN OUT --tile-triangles 500", &HUBS;
     check: "info IN --check", &ALL;
     self_intersections: "info IN --check --self-intersections", &ALL;
     measure: "simplify IN OUT.ply --ratio 50%; measure IN OUT.ply --samples 10000", &ALL;
@@ -236,6 +231,29 @@ commands! {
     render: "render IN -o OUT.png --size 160x120", &ALL;
 }
 
+/// Commands in the table alone: they take their time, whatever the mesh is. `compare` is not among them: it is `simplify` and `measure`
+/// in processes of their own, and `render`.
+macro_rules! slow_commands {
+    ($($name:ident: $command:literal;)*) => {
+        mod slow_table {
+            $(#[test] #[ignore = "takes minutes: a row of the table of docs/results/reliability.md"]
+            fn $name() { super::print_row($command) })*
+        }
+    };
+}
+
+slow_commands! {
+    tiles_baked: "tiles TEXTURED OUT --tile-triangles 500 --texture bake";
+    extract: "tiles IN OUT --tile-triangles 500; extract OUT OUT.ply --triangles HALF";
+    appearance: "simplify IN OUT.ply --ratio 50%; measure IN OUT.ply --samples 10000 --appearance --views 1";
+    report: "simplify IN OUT.ply --ratio 50% --report OUT.json; report OUT.json -o OUT.html";
+}
+
+#[test]
+fn tiles_of_needles() {
+    assert_proportional_from(4 * FEW, "tiles IN OUT --tile-triangles 500", &["needles"]);
+}
+
 /// The kernel's rings of more than 4,096 triangles list those that are gone, too.
 #[test]
 fn a_vertex_of_many_thousands_keeps_its_texture() {
@@ -243,29 +261,23 @@ fn a_vertex_of_many_thousands_keeps_its_texture() {
     steps("simplify TEXTURED OUT.obj --ratio 50% --texture keep", &cone(10_000, 1.0));
 }
 
-/// Prints the exponents of every command on every shape, from the smallest size to the largest, and the steps for each triangle at
-/// the largest.
-#[test]
-#[ignore = "takes minutes: prints the table of docs/results/reliability.md"]
-fn table() {
+/// Prints a row of the table: the exponent of the steps from 16,000 to 64,000 triangles, and the steps for each triangle there.
+fn print_row(command: &str) {
     let _one = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
-    println!("| command | {} |", ALL.join(" | "));
-    println!("|---|{}", "---|".repeat(ALL.len()));
-    for &command in COMMANDS.iter().chain(&SLOW) {
-        let mut row = format!("| `{command}` |");
-        for name in ALL {
-            let counted = SIZES.map(|n| steps(command, &shape(name, n)));
-            let [few, many] = [counted[0], counted[SIZES.len() - 1]];
-            let [from, to] = [SIZES[0], SIZES[SIZES.len() - 1]].map(f64::from);
-            match many < u64::from(SIZES[SIZES.len() - 1]) {
-                true => row += " - |",
-                false => {
-                    let exponent = (many as f64 / few.max(1) as f64).ln() / (to / from).ln();
-                    write!(row, " {exponent:.1} ({:.0}) |", many as f64 / to).unwrap();
-                }
+    let mut row = format!("| `{command}` |");
+    let [.., few, many] = SIZES;
+    for name in ALL {
+        let counted = SIZES.map(|n| steps(command, &shape(name, n)));
+        let [.., before, after] = counted;
+        match after < u64::from(many) {
+            true => row += " - |",
+            false => {
+                let times = f64::from(many) / f64::from(few);
+                let exponent = (after as f64 / before.max(1) as f64).ln() / times.ln();
+                write!(row, " {exponent:.1} ({:.0}) |", after as f64 / f64::from(many)).unwrap();
             }
-            eprintln!("{command}, {name}: {counted:?}");
         }
-        println!("{row}");
+        eprintln!("{command}, {name}: {counted:?}");
     }
+    println!("{row}");
 }

@@ -5,6 +5,7 @@
 //! over others there, or face away, are left for charts of the next turn. A chart is scaled to the area of its surface and
 //! turned so that its box is small. Knows nothing of the original.
 
+use super::outline;
 use super::overlaps::{Grid, twice_area};
 use super::projected::{beside, direction_of, joined};
 use super::sectors::hubs;
@@ -347,14 +348,18 @@ impl<'a> Surface<'a> {
             })
         };
         let all: Vec<_> = triangles.iter().map(|&t| flat(t)).collect();
-        let mut grid = Grid::around(&all);
-        let mut kept = Vec::with_capacity(all.len());
-        for (i, &t) in triangles.iter().enumerate() {
-            let faces = dot(normal, self.own[t as usize]) >= DRIFT * self.least_facing(t);
-            if faces && grid.take(i as u32, self.hubs[t as usize], &all) {
-                kept.push(i);
-            } else {
-                left.push(t);
+        let faces = |t: u32| dot(normal, self.own[t as usize]) >= DRIFT * self.least_facing(t);
+        let mut kept: Vec<usize> = Vec::with_capacity(all.len());
+        if triangles.iter().all(|&t| faces(t)) && outline::is_simple(&all) {
+            kept.extend(0..all.len());
+        } else {
+            let mut grid = Grid::around(&all);
+            for (i, &t) in triangles.iter().enumerate() {
+                if faces(t) && grid.take(i as u32, self.hubs[t as usize], &all) {
+                    kept.push(i);
+                } else {
+                    left.push(t);
+                }
             }
         }
         if kept.is_empty() {

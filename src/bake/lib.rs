@@ -16,6 +16,7 @@ mod nearest;
 mod need;
 mod normals;
 mod original;
+mod outline;
 mod overlaps;
 mod packing;
 mod pages;

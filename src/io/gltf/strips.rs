@@ -4,7 +4,7 @@
 //! Of the two edges of a new triangle the one at the vertex with fewer triangles left is taken first, so that vertices are
 //! done with early. docs/results/lod.md has the sizes beside other orders.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use stonecut_mesh::steps::{HUB, count};
 
 /// The triangles in that order, each turned so that it begins with the edge that it was reached by.
@@ -33,7 +33,7 @@ pub(super) fn strips(triangles: &[[u32; 3]], n_vertices: usize) -> Vec<[u32; 3]>
             }
         };
         is_out[t] = true;
-        around.remove(corners, t as u32);
+        around.remove(triangles, t as u32);
         out.push(corners);
         let [a, b, c] = corners;
         edges.push((a, b));
@@ -58,8 +58,13 @@ struct Hubs {
     is_hub: Vec<bool>,
     /// The place of a triangle among those of a hub.
     places: HashMap<(u32, u32), u32>,
-    /// The edges left from hub to hub, as triangles have them.
-    edges: HashMap<(u32, u32), u32>,
+    /// For each edge from hub to hub, as triangles have it, their places among those of the second hub.
+    edges: HashMap<(u32, u32), BTreeSet<u32>>,
+}
+
+/// The corner of a triangle before another one of it.
+fn before(t: [u32; 3], v: u32) -> u32 {
+    edges(t).into_iter().find_map(|(from, to)| (to == v).then_some(from)).unwrap_or(v)
 }
 
 /// The edges of a triangle, each from the corner before.
@@ -102,13 +107,12 @@ impl Around {
         }
         let mut hubs = Hubs::default();
         for v in (0..is_hub.len() as u32).filter(|v| is_hub[*v as usize]) {
-            let places = (0..).zip(self.of(v).iter());
-            hubs.places.extend(places.map(|(place, &t)| ((v, t), place)));
-        }
-        if !hubs.places.is_empty() {
-            let between = |&(v, w): &(u32, u32)| is_hub[v as usize] && is_hub[w as usize];
-            for edge in triangles.iter().flat_map(|&t| edges(t)).filter(between) {
-                *hubs.edges.entry(edge).or_default() += 1;
+            for (place, &t) in (0..).zip(self.of(v).iter()) {
+                hubs.places.insert((v, t), place);
+                let from = before(triangles[t as usize], v);
+                if is_hub[from as usize] {
+                    hubs.edges.entry((from, v)).or_default().insert(place);
+                }
             }
         }
         self.hubs = Hubs { is_hub, ..hubs };
@@ -129,28 +133,21 @@ impl Around {
                 let of_w = self.triangles[first..first + n as usize].iter();
                 return of_w.copied().filter(has).min_by_key(place);
             }
-            if !self.hubs.edges.contains_key(&(w, v)) {
-                return None;
-            }
+            let place = *self.hubs.edges.get(&(w, v))?.first()?;
+            return Some(self.of(v)[place as usize]);
         }
         let place = self.of(v).iter().position(has);
         count(place.unwrap_or(0));
         place.map(|place| self.of(v)[place])
     }
 
-    fn remove(&mut self, corners: [u32; 3], triangle: u32) {
-        for edge in edges(corners) {
-            if let Some(n) = self.hubs.edges.get_mut(&edge) {
-                *n -= 1;
-                if *n == 0 {
-                    self.hubs.edges.remove(&edge);
-                }
-            }
-            self.remove_at(edge.0, triangle);
+    fn remove(&mut self, triangles: &[[u32; 3]], triangle: u32) {
+        for v in triangles[triangle as usize] {
+            self.remove_at(v, triangles, triangle);
         }
     }
 
-    fn remove_at(&mut self, v: u32, triangle: u32) {
+    fn remove_at(&mut self, v: u32, triangles: &[[u32; 3]], triangle: u32) {
         let place = match self.is_hub(v) {
             true => self.hubs.places.remove(&(v, triangle)).map(|place| place as usize),
             false => self.of(v).iter().position(|t| *t == triangle),
@@ -161,8 +158,20 @@ impl Around {
         of.swap(place, last);
         let moved = of[place];
         self.left[v as usize] -= 1;
-        if place != last && self.is_hub(v) {
-            self.hubs.places.insert((v, moved), place as u32);
+        if !self.is_hub(v) {
+            return;
+        }
+        let Hubs { places, edges, .. } = &mut self.hubs;
+        let edge = |t: u32| (before(triangles[t as usize], v), v);
+        if let Some(among) = edges.get_mut(&edge(triangle)) {
+            among.remove(&(place as u32));
+        }
+        if place != last {
+            places.insert((v, moved), place as u32);
+            if let Some(among) = edges.get_mut(&edge(moved)) {
+                among.remove(&(last as u32));
+                among.insert(place as u32);
+            }
         }
     }
 }

@@ -14,7 +14,7 @@ use super::within::{Found, Within};
 use stonecut_mesh::steps::{HUB, count};
 
 /// Triangles of the mesh that are held against one of the version without a second thought.
-const FEW: usize = 4096;
+const FEW: usize = 1024;
 
 /// Triangles of the version that take more may take this many together, for each triangle of the mesh.
 const MORE: usize = 64;
@@ -56,13 +56,13 @@ pub(super) fn triangles(
         // What went into the vertices next to its own may reach over it.
         let list = wider.of(&coarse.triangles, t);
         let n: usize = list.iter().map(|&v| patches.triangles(v).len()).sum();
-        count(n);
         if n > FEW {
             if n > more {
                 return true;
             }
             more -= n;
         }
+        count(n);
         !below.covers(&places, list.iter().map(|&v| patches.triangles(v)))
     };
     let open: Vec<u32> = (0..coarse.triangles.len() as u32).filter(is_open).collect();
@@ -74,6 +74,7 @@ pub(super) fn triangles(
     let reverse = Forward { fine: coarse, coarse: fine, around: &around };
     let mut feet = Feet::new(coarse.positions.len());
     let mut exact = Exact::new(fine);
+    largest.share_pieces(fine.triangles.len(), open.len());
     for t in open {
         reverse.look(coarse.triangles[t as usize], corners(t), &mut feet, largest, &mut exact);
     }

@@ -7,6 +7,7 @@ use super::exact::Exact;
 use super::foot::{Doubtful, Feet, Foot};
 use super::largest::Largest;
 use crate::triangle::{Vector, closest};
+use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use stonecut_mesh::Mesh;
 use stonecut_mesh::steps::{HUB, count};
@@ -15,8 +16,9 @@ use stonecut_mesh::vec3::{length_sq, sub};
 /// A triangle is quartered so often, at most.
 const DEEPEST: u32 = 6;
 
-/// Triangles that a search for the nearest one looks at from vertex to vertex, at most: along needles it would go on for thousands.
-const MOST_WALKED: usize = 4 * HUB;
+/// Triangles that a search for the nearest one looks at from vertex to vertex, at most: along needles it would go on for
+/// thousands. In scans it ends after some ten.
+const MOST_WALKED: usize = HUB / 2;
 
 /// Vertices of the version near those of the mesh, and feet of these.
 struct Near<'a> {
@@ -58,6 +60,7 @@ impl Forward<'_> {
         if let Some(t) = farthest {
             look(t, largest, exact);
         }
+        largest.share_pieces(self.fine.triangles.len(), covered.rest.len());
         let (mut far, mut near_sq) = (BinaryHeap::new(), 0.0f64);
         for doubtful in (0..most.len()).filter(is_seen).map(doubtful) {
             match doubtful.distance_sq > largest.enough_sq() {
@@ -176,7 +179,7 @@ impl Forward<'_> {
     /// far.
     fn bound(&self, feet: [Foot; 3], largest: &mut Largest, exact: &mut Exact) {
         if !feet.iter().any(|foot| foot.is_rough) {
-            return self.cover(feet, 0, largest, exact);
+            return self.cover(feet, largest, exact);
         }
         let bound_sq = largest.bound_sq;
         if self.by_corners_sq(&feet) <= bound_sq
@@ -189,7 +192,7 @@ impl Forward<'_> {
             true => self.found(foot, 0.0, largest, exact),
             false => foot,
         });
-        self.cover(feet, 0, largest, exact);
+        self.cover(feet, largest, exact);
     }
 
     /// The squared distance of a triangle, at most: no point of it is farther from all corners than the longest side over the root
@@ -301,35 +304,79 @@ impl Forward<'_> {
         least.min(mean(to_a, to_c)).min(mean(to_b, to_c)).min(all)
     }
 
-    /// Bounds the distance of a triangle.
-    fn cover(&self, feet: [Foot; 3], depth: u32, largest: &mut Largest, exact: &mut Exact) {
+    /// Bounds the distance of a triangle: the piece of it that may be the farthest is quartered first.
+    fn cover(&self, feet: [Foot; 3], largest: &mut Largest, exact: &mut Exact) {
+        if largest.accepts(self.by_corners_sq(&feet)) {
+            return;
+        }
+        let (mut pieces, mut n) = (BinaryHeap::new(), 1);
+        self.add_piece(feet, 0, largest, &mut pieces);
+        while let Some(Piece { most_sq, feet, depth }) = pieces.pop() {
+            // What is left is no farther.
+            let is_known = most_sq <= largest.bound_sq || largest.accepts(most_sq);
+            if is_known || depth == DEEPEST || n >= largest.most_pieces {
+                largest.bound_sq = largest.bound_sq.max(most_sq);
+                break;
+            }
+            n += QUARTERS.len();
+            let [a, b, c] = feet;
+            let [ab, bc, ca] = [(a, b), (b, c), (c, a)].map(|(from, to)| {
+                let point = [0, 1, 2].map(|k| 0.5 * (from.point[k] + to.point[k]));
+                let foot = self.descend(point, from.hint);
+                let other = self.descend(point, to.hint);
+                let foot = if other.distance_sq < foot.distance_sq { other } else { foot };
+                self.certain(foot, largest, exact)
+            });
+            for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
+                self.add_piece(part, depth + 1, largest, &mut pieces);
+            }
+        }
+        count(n);
+    }
+
+    /// Adds a piece of a triangle to those that need a second look, if it does.
+    fn add_piece(
+        &self,
+        feet: [Foot; 3],
+        depth: u32,
+        largest: &mut Largest,
+        pieces: &mut BinaryHeap<Piece>,
+    ) {
         let enough_sq = largest.enough_sq();
-        if depth == 0 && largest.accepts(self.by_corners_sq(&feet)) {
-            return;
+        let mut most_sq = across_sq(&feet, self.coarse, self.around);
+        if most_sq > enough_sq {
+            most_sq = most_sq.min(self.mixed_sq(&feet, enough_sq));
         }
-        let mut least_sq = across_sq(&feet, self.coarse, self.around);
-        if least_sq > enough_sq {
-            least_sq = least_sq.min(self.mixed_sq(&feet, enough_sq));
+        if !largest.accepts(most_sq) {
+            pieces.push(Piece { most_sq, feet, depth });
         }
-        if largest.accepts(least_sq) {
-            return;
-        }
-        if depth == DEEPEST {
-            largest.bound_sq = largest.bound_sq.max(least_sq);
-            return;
-        }
-        let [a, b, c] = feet;
-        let halves = [(a, b), (b, c), (c, a)].map(|(from, to)| {
-            let point = [0, 1, 2].map(|k| 0.5 * (from.point[k] + to.point[k]));
-            let foot = self.descend(point, from.hint);
-            let other = self.descend(point, to.hint);
-            let foot = if other.distance_sq < foot.distance_sq { other } else { foot };
-            self.certain(foot, largest, exact)
-        });
-        let [ab, bc, ca] = halves;
-        for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
-            self.cover(part, depth + 1, largest, exact);
-        }
+    }
+}
+
+/// A piece of a triangle with its squared distance, at most; in a heap by that.
+struct Piece {
+    most_sq: f64,
+    feet: [Foot; 3],
+    depth: u32,
+}
+
+impl PartialEq for Piece {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Piece {}
+
+impl Ord for Piece {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.most_sq.total_cmp(&other.most_sq).then(other.depth.cmp(&self.depth))
+    }
+}
+
+impl PartialOrd for Piece {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
     }
 }
 

@@ -30,14 +30,16 @@ use stonecut_mesh::Mesh;
 /// The distance from `fine` to `coarse`, at most, or back, whichever is larger.
 ///
 /// `followed`: for each vertex of `fine` the vertex of `coarse` that it went into, or `u32::MAX`; empty if nothing is known.
-/// The bound exceeds the largest distance found by at most the factor `slack`, above 1; the nearer to 1, the longer it takes.
+/// The bound exceeds the largest distance found by at most the factor `slack`, above 1, but for needles and hubs; the nearer to 1,
+/// the longer it takes.
 /// Both have triangles. Memory: 70 bytes for each triangle of `fine`; 150 where many feet are not found nearby.
 pub fn deviation(fine: &Mesh, coarse: &Mesh, followed: &[u32], slack: f64) -> f64 {
     let hints = hints(fine, coarse, followed);
     let size = coarse.positions.iter().flatten().fold(0.0f64, |size, x| size.max(x.abs()));
     let rounding_sq = (size * ROUNDING) * (size * ROUNDING);
     let slack_sq = slack * slack;
-    let mut largest = Largest { certain_sq: 0.0, bound_sq: 0.0, slack_sq, rounding_sq };
+    let mut largest =
+        Largest { certain_sq: 0.0, bound_sq: 0.0, slack_sq, rounding_sq, most_pieces: usize::MAX };
     let around = Around::vertices(coarse);
     let patches = Patches::new(fine, &hints, coarse.positions.len());
     let forward = Forward { fine, coarse, around: &around };
