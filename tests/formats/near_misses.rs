@@ -161,6 +161,33 @@ fn third_coordinates_are_named_and_objects_listed() {
 }
 
 #[test]
+fn lines_and_names_that_nothing_reads_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let places = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n";
+    for (lines, code, wanted) in [
+        ("fo 1 2 3\n", 0, ""),
+        ("f 1 2 3\ncall other.obj\nlod 2\n", 0, "'call'"),
+        ("f 1/1 2/2 3/9\n", 0, "do not exist"),
+        ("f 1/0 2/2 3/3\n", 0, "do not exist"),
+        ("f 1/-3 2/-2 3/-1\n", 0, ""),
+        ("#MRGB ffff0000ff00ff00ff0000ff\nf 1 2 3\n", 3, "#MRGB"),
+    ] {
+        std::fs::write(at.join("in.obj"), format!("{places}{lines}")).unwrap();
+        let said = expect(at, "convert in.obj out.obj --force", code);
+        assert!(said.contains("1 triangles") && said.contains(wanted), "{lines}\n{said}");
+        assert!(!wanted.is_empty() || !said.contains("note") && !said.contains("lost"), "{said}");
+    }
+    let header = "ply\nformat ascii 1.0\nelement Vertex 3\nproperty float x\nproperty float y\nproperty float z\n";
+    for name in ["vertex_indexes", "Vertex_Indices", "indices"] {
+        let faces = format!("element Face 1\nproperty list uchar int {name}\nend_header\n");
+        std::fs::write(at.join("in.ply"), format!("{header}{faces}0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"))
+            .unwrap();
+        assert!(expect(at, "convert in.ply out.obj --force", 0).contains("1 triangles"), "{name}");
+    }
+}
+
+#[test]
 fn normals_of_the_input_are_named_by_extract() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();

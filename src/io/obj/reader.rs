@@ -58,6 +58,11 @@ struct Summary {
     comments: Vec<String>,
     /// Lines that a simplified mesh has no place for, as `LEFT_OUT` has them.
     n_left_out: [u64; 4],
+    /// Other lines that are not read, and the word that the first begins with.
+    n_unknown: u64,
+    unknown: String,
+    /// Comments in which ZBrush has the colours of vertices.
+    n_painted: u64,
 }
 
 /// Kinds of lines that are counted in `Summary::n_left_out`, as messages name them.
@@ -93,7 +98,7 @@ impl Summary {
                         summary.n_opacities += u64::from(vertex.has_opacity);
                     }
                 }
-                Some(b"f") => {
+                Some(b"f" | b"fo") => {
                     summary.n_faces += 1;
                     summary.names.number();
                     summary.textured |= words.next().is_some_and(has_texture);
@@ -108,6 +113,15 @@ impl Summary {
                     summary.n_left_out[2] += u64::from(words.next().is_some_and(is_group));
                 }
                 Some(b"vp" | b"curv" | b"curv2" | b"surf") => summary.n_left_out[3] += 1,
+                Some(b"vt") => {}
+                Some(word) => {
+                    summary.n_unknown += 1;
+                    if summary.unknown.is_empty() {
+                        summary.unknown =
+                            String::from_utf8_lossy(&word[..word.len().min(40)]).into_owned();
+                    }
+                }
+                None if line.trim_ascii_start().starts_with(b"#MRGB ") => summary.n_painted += 1,
                 // Only a comment whose sign stands alone is kept.
                 None if summary.n_vertices == 0 && summary.comments.len() < 1000 => {
                     let text = line.trim_ascii().strip_prefix(b"#").unwrap_or_default();
@@ -134,6 +148,17 @@ impl Summary {
                 let (kind, severity) = LEFT_OUT_KINDS[number];
                 losses.lose(Loss::new(kind, what, "not carried").count(*n).severity(severity));
             }
+        }
+        if self.n_unknown > 0 {
+            let loss =
+                Loss::new(LossKind::Elements, "lines that begin otherwise", "not read").notice();
+            losses.lose(loss.count(self.n_unknown).example(format!("'{}'", self.unknown)));
+        }
+        if self.n_painted > 0 {
+            let severity = if self.n_coloured == 0 { Severity::Whole } else { Severity::Partial };
+            let loss = Loss::new(LossKind::Colors, "colours in comments (#MRGB)", "not read");
+            let remedy = "export the mesh as PLY, which has them at vertices";
+            losses.lose(loss.count(self.n_painted).remedy(remedy).severity(severity));
         }
     }
 
@@ -309,28 +334,30 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
                 names.begin(word, &line);
                 labels.clear();
             }
-            Some(b"f") => match face(words.clone(), n_vertices, summary.n_vertices, &mut row) {
-                Ok(()) => {
-                    if labels.is_empty() && summary.has_numbers() {
-                        labels.extend_from_slice(&material.to_le_bytes());
+            Some(b"f" | b"fo") => {
+                match face(words.clone(), n_vertices, summary.n_vertices, &mut row) {
+                    Ok(()) => {
+                        if labels.is_empty() && summary.has_numbers() {
+                            labels.extend_from_slice(&material.to_le_bytes());
+                        }
+                        if has_names && labels.len() < label_bytes {
+                            labels.extend_from_slice(&names.number().to_le_bytes());
+                        }
+                        match &mut texture {
+                            Some(texture) => texture.add_face(words, &labels)?,
+                            None => row.extend_from_slice(&labels),
+                        }
+                        faces.write(&row)?;
+                        n_faces += 1;
                     }
-                    if has_names && labels.len() < label_bytes {
-                        labels.extend_from_slice(&names.number().to_le_bytes());
+                    Err(_) if options.read.skip_bad => staged.faults.bad_faces += 1,
+                    Err(what) => {
+                        return Err(lines.bad(format!(
+                            "{what}; export the mesh again, or drop such faces with --skip-bad"
+                        )));
                     }
-                    match &mut texture {
-                        Some(texture) => texture.add_face(words, &labels)?,
-                        None => row.extend_from_slice(&labels),
-                    }
-                    faces.write(&row)?;
-                    n_faces += 1;
                 }
-                Err(_) if options.read.skip_bad => staged.faults.bad_faces += 1,
-                Err(what) => {
-                    return Err(lines.bad(format!(
-                        "{what}; export the mesh again, or drop such faces with --skip-bad"
-                    )));
-                }
-            },
+            }
             _ => {}
         }
     }
@@ -373,7 +400,13 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
     let mut faces = faces.finish(file.path())?;
     if let Some(texture) = texture {
         let index_bytes = if wide(summary.n_vertices) { 8 } else { 4 };
-        faces = texture.join(&faces, (index_bytes, label_bytes), n_faces)?;
+        let (joined, n_unknown) = texture.join(&faces, (index_bytes, label_bytes), n_faces)?;
+        faces = joined;
+        if n_unknown > 0 {
+            let why = "texture coordinates that they name do not exist: 0";
+            let loss = Loss::new(LossKind::TextureCoordinates, "corners of faces", why);
+            staged.losses.lose(loss.count(n_unknown));
+        }
     }
     let mut out = options.spool();
     out.write(header.as_bytes())?;

@@ -276,6 +276,8 @@ pub(super) struct TexturedFaces<'a> {
     n_coordinates: u64,
     /// Lines `vt` with a value that is not finite.
     pub(super) n_not_finite: u64,
+    /// Corners whose name for their coordinates is 0 or before the first ones.
+    n_unknown: u64,
     /// Those with a third value besides 0.
     pub(super) n_thirds: u64,
     /// Labels of each face: its material, and its name if there are any.
@@ -297,6 +299,7 @@ impl<'a> TexturedFaces<'a> {
             n_coordinates: 0,
             n_not_finite: 0,
             n_thirds: 0,
+            n_unknown: 0,
             labels: options.spool(),
             by_coordinates: options.sort(memory_bytes),
             n_corners: 0,
@@ -342,6 +345,8 @@ impl<'a> TexturedFaces<'a> {
                     _ => self.n_coordinates.checked_sub(number.unsigned_abs()),
                 }
             });
+            let is_named = word.split(|&b| b == b'/').nth(1).is_some_and(|part| !part.is_empty());
+            self.n_unknown += u64::from(is_named && number.is_none());
             let ([high, low], [c, d]) = (halves(number.unwrap_or(NONE)), halves(self.n_corners));
             self.by_coordinates.push([high, low, c, d])?;
             self.n_corners += 1;
@@ -349,20 +354,22 @@ impl<'a> TexturedFaces<'a> {
         self.labels.write(labels)
     }
 
-    /// The rows of `faces` (a count in 4 bytes, then indices) with coordinates and labels behind them.
+    /// The rows of `faces` (a count in 4 bytes, then indices) with coordinates and labels behind them; and the number of
+    /// corners that name coordinates that do not exist.
     pub(super) fn join(
         self,
         faces: &RawFile,
         (index_bytes, label_bytes): (usize, usize),
         n_faces: u64,
-    ) -> Result<RawFile> {
+    ) -> Result<(RawFile, u64)> {
         let coordinates = self.coordinates.finish(faces.path())?;
         let mut known = Ahead::new(&coordinates);
         let mut by_corner = self.options.sort::<4>((self.options.memory_bytes / 3) as usize);
-        let (mut n_read, mut uv) = (0, [0u8; 8]);
+        let (mut n_read, mut uv, mut n_unknown) = (0, [0u8; 8], self.n_unknown);
         self.by_coordinates.drain(|[high, low, c, d]| {
             let number = whole(high, low);
             let found = number < self.n_coordinates;
+            n_unknown += u64::from(!found && number != NONE);
             while found && n_read <= number {
                 known.read(&mut uv)?;
                 n_read += 1;
@@ -392,7 +399,7 @@ impl<'a> TexturedFaces<'a> {
             }
             Ok(())
         })?;
-        rows.out.finish(faces.path())
+        Ok((rows.out.finish(faces.path())?, n_unknown))
     }
 }
 

@@ -125,6 +125,10 @@ pub struct HeaderProperty {
     pub kind: Kind,
 }
 
+/// Names that programs give to the corners of a face.
+const CORNER_NAMES: [&str; 6] =
+    ["vertex_indices", "vertex_index", "vertex_indexes", "vertexindices", "indices", "vertices"];
+
 /// An element line with its properties.
 #[derive(Clone, Debug)]
 pub struct Element {
@@ -177,8 +181,7 @@ impl Element {
     /// The corner list of a face or strip.
     pub fn index_list(&self) -> Option<usize> {
         self.properties.iter().position(|p| {
-            matches!(p.kind, Kind::List { .. })
-                && (p.name == "vertex_indices" || p.name == "vertex_index")
+            matches!(p.kind, Kind::List { .. }) && CORNER_NAMES.contains(&p.name.as_str())
         })
     }
 }
