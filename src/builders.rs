@@ -6,6 +6,7 @@
 use crate::cli::{arguments, job, pace};
 use crate::config::{Config, Target};
 use crate::error::{Error, Result};
+use crate::io::InputPaths;
 use crate::io::StageOptions;
 use crate::io::ply::MeshSource;
 use crate::kernel::Bound;
@@ -124,7 +125,7 @@ pub struct Simplify<'a> {
 
 impl<'a> Simplify<'a> {
     /// A run with the defaults of the command; formats are known by contents and by the ending of `output`.
-    pub fn new(input: impl Into<PathBuf>, output: impl Into<PathBuf>) -> Self {
+    pub fn new(input: impl Into<InputPaths>, output: impl Into<PathBuf>) -> Self {
         let config = Config::new(input, output, Target::Ratio(1.0));
         Simplify { config, count: None, temp_dir: None, follower: None }
     }
@@ -208,11 +209,8 @@ impl<'a> Simplify<'a> {
         config.job_folder = arguments::job_folder(&config.output, self.temp_dir.as_deref())?;
         let may_be_ours =
             !config.job.restart && has_begun_to_write(&config.job_folder, &config.output);
-        let paths = Paths::new(config.job.force || may_be_ours).with(
-            Role::Input,
-            "the input",
-            &config.input,
-        );
+        let paths = Paths::new(config.job.force || may_be_ours);
+        let paths = config.input.add_to(paths, "the input")?;
         let paths = config
             .outputs()
             .fold(paths, |paths, output| paths.with(Role::Output, "the output", output));
@@ -347,7 +345,7 @@ pub struct Tiles<'a> {
 
 impl<'a> Tiles<'a> {
     /// A run with the defaults of the command; `folder` appears when the tiles in it are complete.
-    pub fn new(input: impl Into<PathBuf>, folder: impl Into<PathBuf>) -> Self {
+    pub fn new(input: impl Into<InputPaths>, folder: impl Into<PathBuf>) -> Self {
         let config = TilesConfig::new(input, folder);
         Tiles { config, temp_dir: None, follower: None }
     }
@@ -404,7 +402,7 @@ impl<'a> Tiles<'a> {
     pub fn run(self) -> Result<TilesReport> {
         let Tiles { mut config, temp_dir, follower } = self;
         config.job_folder = arguments::job_folder(&config.output, temp_dir.as_deref())?;
-        let paths = Paths::new(config.force).with(Role::Input, "the input", &config.input).with(
+        let paths = config.input.add_to(Paths::new(config.force), "the input")?.with(
             Role::OutputFolder,
             "the output",
             &config.output,

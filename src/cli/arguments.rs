@@ -18,11 +18,11 @@ pub(super) fn staging(temp_dir: &std::path::Path, memory: Option<u64>) -> StageO
 
 /// Opens a mesh so.
 pub(super) fn open_mesh(
-    path: &std::path::Path,
+    input: impl Into<crate::io::InputPaths>,
     temp_dir: &std::path::Path,
     memory: Option<u64>,
 ) -> crate::Result<MeshSource> {
-    MeshSource::open_staged(path, &staging(temp_dir, memory))
+    MeshSource::open_staged(input, &staging(temp_dir, memory))
 }
 
 /// The threads to work with: as many as asked for, by default one a core.

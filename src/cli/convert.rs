@@ -8,6 +8,7 @@
 use super::answer::CommandEnd;
 pub use super::converted::Converted;
 use super::converted::write_report;
+pub use super::inputs::InOut;
 use super::log::Said;
 use super::session::{Command, Session};
 use crate::error::{Error, Offers, Result};
@@ -31,10 +32,10 @@ use std::path::PathBuf;
 /// Converts a mesh between formats: PLY, STL, OBJ, GLB and glTF.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// PLY, STL, OBJ, GLB or glTF, also gzip or zstd compressed; '-' is standard input.
-    pub input: PathBuf,
-    /// A file ending in .ply, .stl, .obj or .glb; '-' is standard output.
-    pub output: PathBuf,
+    // Its own lines are its documentation.
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub paths: InOut,
     /// Words joined by commas: ascii, binary_little_endian or binary_big_endian; float or double
     /// coordinates (GLB: float instead of 16 bits an axis); int or uint indices; ply, stl, obj or glb.
     #[arg(long, value_name = "FORMAT", default_value = "")]
@@ -66,9 +67,9 @@ pub struct Args {
     #[arg(long)]
     pub keep_unreferenced: bool,
     /// Copies of vertices that become one: off, auto (copies within rounding, where a sample shows that there are some), or a
-    /// distance in input units. Only open edges are joined.
-    #[arg(long, value_name = "WHAT", default_value = "off")]
-    pub weld: Weld,
+    /// distance in input units. Only open edges are joined [default: off; auto between several files].
+    #[arg(long, value_name = "WHAT")]
+    pub weld: Option<Weld>,
     /// Folder for temporary data [default: the output's folder].
     #[arg(long, value_name = "DIR")]
     pub temp_dir: Option<PathBuf>,
@@ -82,10 +83,12 @@ pub struct Args {
 
 impl Command for Args {
     fn paths(&self) -> Result<Paths> {
-        self.format.check(&self.output)?;
-        Ok(Paths::new(self.force)
-            .with(Role::Input, "INPUT", &self.input)
-            .with(Role::Output, "OUTPUT", &self.output)
+        self.format.check(&self.paths.output)?;
+        Ok(self
+            .paths
+            .input
+            .add_to(Paths::new(self.force), "INPUT")?
+            .with(Role::Output, "OUTPUT", &self.paths.output)
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref()))
     }
@@ -99,7 +102,8 @@ impl Command for Args {
         let report_to = self.report.as_deref().map(Seen::new);
         let done = convert_until_stopped(self, session.progress)?;
         say(self, &done, &mut Said(session.log));
-        let report = write_report(report_to.as_ref(), [&self.input, &self.output], &done)?;
+        let report =
+            write_report(report_to.as_ref(), [&*self.paths.input, &self.paths.output], &done)?;
         CommandEnd::of(&report, done.is_short())
     }
 }
@@ -109,7 +113,7 @@ fn say(args: &Args, done: &Converted, log: &mut Said) {
     let _ = writeln!(
         log,
         "{}: {} vertices, {} triangles, {}",
-        args.output.display(),
+        args.paths.output.display(),
         done.n_vertices,
         done.n_triangles,
         show_bytes(done.n_bytes)
@@ -138,31 +142,33 @@ pub fn convert(args: &Args) -> Result<Converted> {
 }
 
 fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> {
-    let to_stdout = args.output == std::path::Path::new("-");
+    let to_stdout = args.paths.output == std::path::Path::new("-");
     let folder = args.temp_dir.clone().unwrap_or_else(|| match to_stdout {
         true => std::env::temp_dir(),
-        false => folder_of(&args.output).to_path_buf(),
+        false => folder_of(&args.paths.output).to_path_buf(),
     });
-    let placing = args.placing.placing(args.format.check(&args.output)?)?;
+    let placing = args.placing.placing(args.format.check(&args.paths.output)?)?;
     let recentres = placing.recentres;
     let names = if args.drop_names { NameUse::GivenUp("") } else { NameUse::Carried };
     let read = ReadOptions { skip_bad: args.skip_bad, placing, temp_dir: None, names };
     let memory_bytes = super::arguments::memory_budget(args.memory);
     let mut stage = StageOptions { read, ..StageOptions::new(folder) }.within(memory_bytes);
-    stage.weld = Some(WeldOptions { how: args.weld, exact_above: 0, labels: Vec::new() });
-    let source = MeshSource::open_staged(&args.input, &stage)?;
-    source.refuse_output(&args.output)?;
+    let how = args.weld.unwrap_or(if args.paths.input.is_one() { Weld::Off } else { Weld::Auto });
+    stage.weld = Some(WeldOptions { how, exact_above: 0, labels: Vec::new() });
+    let source = MeshSource::open_staged(&args.paths.input, &stage)?;
+    source.refuse_output(&args.paths.output)?;
     hold(&source, memory_bytes)?;
     let texture = !args.drop_texture && source.has_corner_texture();
     if !args.drop_texture && !texture {
         source.require_no_texture()?;
     }
-    check_range(&source, &args.output, args.format)?;
+    check_range(&source, &args.paths.output, args.format)?;
     let textures = plan_textures(&source, args)?;
     // Above 2^32 vertices no output can be written, so there is nothing to look for.
     let look = !args.keep_duplicates && source.n_vertices() <= 1 << 32;
     let mut finder = look.then(|| DuplicateFinder::new(&stage.temp_dir, sort_bytes(memory_bytes)));
-    let mut done = Converted { weld: source.weld().cloned(), ..Converted::default() };
+    let (inputs, weld) = (source.parts().to_vec(), source.weld().cloned());
+    let mut done = Converted { inputs, weld, ..Converted::default() };
     let used = if source.n_face_rows() == 0 || args.keep_unreferenced {
         let mut used = Used::all(source.n_vertices());
         used.survey(&source, finder.as_mut(), &mut done, progress)?;
@@ -183,7 +189,7 @@ fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> 
             "none of its {} faces has three different corners; nothing was written",
             source.n_face_rows()
         );
-        return Err(Error::bad_input(&args.input, what));
+        return Err(Error::bad_input(&*args.paths.input, what));
     }
     done.losses = source.losses();
     source.remarks()?.into_iter().for_each(|remark| done.losses.lose(remark));
@@ -204,7 +210,7 @@ fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> 
 fn plan_textures(source: &MeshSource, args: &Args) -> Result<Option<TexturePlan>> {
     let is_given_up = args.drop_texture && source.has_corner_texture();
     let Some(materials) = source.materials().filter(|_| !is_given_up) else { return Ok(None) };
-    let (output, kind) = (args.output.as_path(), args.format.check(&args.output)?);
+    let (output, kind) = (args.paths.output.as_path(), args.format.check(&args.paths.output)?);
     let request = TextureRequest { output, kind, mode: args.textures, force: args.force };
     TexturePlan::new(materials.clone(), &request).map(Some)
 }
@@ -336,7 +342,7 @@ impl Used {
         header.faces = FaceSchema { texture: input.texture, properties: source.face_properties() };
         header.textures.clone_from(&input.textures);
         let is_full = !header.faces.is_empty();
-        let place = Place { replace: args.force, ..Place::from(&args.output) };
+        let place = Place { replace: args.force, ..Place::from(&args.paths.output) };
         let mut sink = MeshSink::create(place, header, args.format)?;
         let all = done.n_unreferenced == 0;
         let mut block = VertexBlock::default();

@@ -2,7 +2,7 @@
 
 use super::outcome::write_json;
 use crate::error::Result;
-use crate::io::ply::WeldReport;
+use crate::io::ply::{PartReport, WeldReport};
 use crate::system::losses::Ledger;
 use crate::system::pending_file::Seen;
 use std::path::Path;
@@ -22,6 +22,8 @@ pub struct Converted {
     pub n_bad: u64,
     /// Vertices that no face uses.
     pub n_unreferenced: u64,
+    /// Files that became the input, if they were several.
+    pub inputs: Vec<PartReport>,
     /// Copies of vertices that became one.
     pub weld: Option<WeldReport>,
     /// Parts of the input that the output does not have.
@@ -57,6 +59,9 @@ pub(super) fn write_report(
         },
         "losses": done.losses,
     });
+    if !done.inputs.is_empty() {
+        report["inputs"] = serde_json::json!(done.inputs);
+    }
     if let Some(weld) = &done.weld {
         report["input"]["weld"] = serde_json::json!(weld);
     }

@@ -4,9 +4,9 @@ use super::answer::CommandEnd;
 use super::session::{Command, Session};
 use super::terminal::{shown, table as table_of};
 use crate::error::{Error, Offers, Result};
-use crate::io::ply::{MeshSource, ReadOptions};
+use crate::io::ply::{MeshSource, PartReport, ReadOptions};
 use crate::io::sidecars::Georeference;
-use crate::io::{NameUse, OBJECT, StageOptions};
+use crate::io::{InputPaths, NameUse, OBJECT, StageOptions};
 use crate::measure::check::{self, COUNT_BYTES, Checked};
 use crate::measure::intersections::{self, SelfIntersections};
 use crate::measure::load;
@@ -26,8 +26,10 @@ const EXIT_FAULTS: u8 = 4;
 /// Shows what a mesh file or a folder of tiles holds, and whether it is sound
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// The mesh file, or a folder of tiles: then its rules, its files and the gaps between tiles are checked
-    file: PathBuf,
+    /// The mesh file; several, a folder of meshes or a list (@list.txt) are looked at as the one mesh that they become. Or
+    /// a folder of tiles: then its rules, its files and the gaps between tiles are checked
+    #[arg(required = true)]
+    file: Vec<PathBuf>,
     /// Reads everything and counts connectivity and faults
     #[arg(long)]
     check: bool,
@@ -57,6 +59,12 @@ struct InfoReport {
     version: &'static str,
     /// As given.
     path: PathBuf,
+    /// Files that became this mesh, if it was made of several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    inputs: Vec<PartReport>,
+    /// Vertices of theirs that became one with another.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    joined: Option<u64>,
     /// Length of the file.
     bytes: u64,
     /// Encoding, as `Encoding::name` gives it.
@@ -119,8 +127,10 @@ struct SizesReport {
 
 impl Command for Args {
     fn paths(&self) -> Result<Paths> {
-        let role = if is_tileset(&self.file) { Role::InputFolder } else { Role::Input };
-        let paths = Paths::default().with(role, "FILE", &self.file);
+        let paths = match self.tileset() {
+            Some(folder) => Paths::default().with(Role::InputFolder, "FILE", folder),
+            None => self.input().add_to(Paths::default(), "FILE")?,
+        };
         Ok(paths.with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref()))
     }
 
@@ -129,8 +139,8 @@ impl Command for Args {
     }
 
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {
-        if is_tileset(&self.file) {
-            return tiles(self, session);
+        if let Some(folder) = self.tileset() {
+            return tiles(self, folder, session);
         }
         let (source, report, list) = look(self, session.progress)?;
         let done = CommandEnd::whole(&report)?;
@@ -143,28 +153,38 @@ impl Command for Args {
 }
 
 impl Args {
+    /// The tree of tiles that is looked at, if it is one.
+    fn tileset(&self) -> Option<&Path> {
+        let [one] = self.file.as_slice() else { return None };
+        is_tileset(one).then_some(one.as_path())
+    }
+
+    fn input(&self) -> InputPaths {
+        self.file.clone().into()
+    }
+
     fn temp_dir(&self) -> &Path {
         self.temp_dir.as_deref().unwrap_or(Path::new("."))
     }
 }
 
 /// Looks at a folder of tiles. Without `--check` it is read all the same: what it holds is known no sooner.
-fn look_at_tiles(args: &Args, progress: &Progress) -> Result<TilesetCheck> {
+fn look_at_tiles(args: &Args, folder: &Path, progress: &Progress) -> Result<TilesetCheck> {
     if args.self_intersections {
         let what = "--self-intersections is for mesh files, and FILE is a folder of tiles; name one of its tiles";
         return Err(Error::Usage(what.to_owned()));
     }
     let threads = super::arguments::threads(args.threads).get();
-    check_tileset(&args.file, (super::arguments::memory_budget(args.memory), threads), progress)
+    check_tileset(folder, (super::arguments::memory_budget(args.memory), threads), progress)
 }
 
-fn tiles(args: &Args, session: &mut Session) -> Result<CommandEnd> {
-    let found = look_at_tiles(args, session.progress)?;
+fn tiles(args: &Args, folder: &Path, session: &mut Session) -> Result<CommandEnd> {
+    let found = look_at_tiles(args, folder, session.progress)?;
     let text = if args.json {
         json(&found)?
     } else {
         let rows = [
-            ("folder", args.file.display().to_string()),
+            ("folder", folder.display().to_string()),
             ("tiles", found.tiles.to_string()),
             ("files of JSON", found.tilesets.to_string()),
             ("levels", found.levels.to_string()),
@@ -198,7 +218,7 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
     let stage = super::arguments::staging(args.temp_dir(), args.memory);
     let read = ReadOptions { names: NameUse::Carried, ..stage.read.clone() };
     let stage = StageOptions { only_looks: !args.check, read, ..stage };
-    let source = MeshSource::open_staged(&args.file, &stage)?;
+    let source = MeshSource::open_staged(args.input(), &stage)?;
     let (check, sizes, intersections) = match args.check {
         true => {
             let found = count(args, &source, threads, progress)?;
@@ -212,7 +232,9 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
     let report = InfoReport {
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION"),
-        path: args.file.clone(),
+        path: args.input().to_path_buf(),
+        inputs: source.parts().to_vec(),
+        joined: source.weld().filter(|_| !source.parts().is_empty()).map(|weld| weld.joined),
         bytes: source.given_bytes(),
         format: source.encoding().name(),
         file_format: source.file_format(),
@@ -221,7 +243,7 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
         images: materials.map_or_else(Vec::new, |m| m.image_names(false)),
         image_pixels: materials.map_or_else(Vec::new, |m| m.image_pixels()),
         missing_images: materials.map_or_else(Vec::new, |m| m.image_names(true)),
-        notes: Georeference::beside(&args.file)
+        notes: Georeference::beside(&args.input().first())
             .map(|found| format!("lies at {}", found.words()))
             .into_iter()
             .chain(source.notes().iter().map(ToString::to_string))
@@ -348,6 +370,10 @@ fn table(source: &MeshSource, report: &InfoReport, below: Option<String>) -> Str
     }
     if let Some(pixels) = pixels(&report.image_pixels) {
         rows.push(("pixels", pixels));
+    }
+    if let Some(weld) = source.weld().filter(|_| !report.inputs.is_empty()) {
+        rows.insert(1, ("files", report.inputs.len().to_string()));
+        rows.extend(weld.notes.iter().map(|note| ("joined", note.clone())));
     }
     rows.extend(report.notes.iter().map(|note| ("note", note.clone())));
     if let Some(n) = report.triangles {

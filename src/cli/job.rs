@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::pipeline::methods::{self, PreparedMethod};
 use crate::pipeline::run_report::{DoneRecord, RunReport};
 use crate::pipeline::{self, Prepared, max_error, optimize, pairs};
-use crate::store::job::fingerprint::{input_marks, marks_now};
+use crate::store::job::fingerprint::{file_marks, marks_now};
 use crate::system::disk::read_regular;
 use crate::system::paths::MOST_REPORT_BYTES;
 use crate::system::progress::Progress;
@@ -87,7 +87,7 @@ fn record(config: &Config, input: BTreeMap<String, String>, exit_code: u8) -> Op
         return None;
     }
     let marks =
-        |path: &std::path::PathBuf| Some((path.display().to_string(), input_marks(path).ok()?));
+        |path: &std::path::PathBuf| Some((path.display().to_string(), file_marks(path).ok()?));
     let outputs = config.outputs().map(|path| marks(&path.to_path_buf())).collect::<Option<_>>()?;
     Some(DoneRecord { settings: settings(config), input, outputs, exit_code })
 }
@@ -96,7 +96,7 @@ fn record(config: &Config, input: BTreeMap<String, String>, exit_code: u8) -> Op
 fn settings(config: &Config) -> BTreeMap<String, String> {
     let mut settings = config.settings();
     for (name, value) in [
-        ("input", format!("{:?}", std::path::absolute(&config.input).ok())),
+        ("input", format!("{:?}", std::path::absolute(&*config.input).ok())),
         ("format", format!("{:?}", config.format)),
         ("verify", format!("{:?}", config.checks.verify)),
         ("seams", format!("{:?}", config.checks.seams)),

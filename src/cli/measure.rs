@@ -2,6 +2,7 @@
 
 use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
+use super::inputs::InOut;
 use super::session::{Command, Session};
 use crate::error::{Error, Offers, Result};
 use crate::io::ply::{MeshSource, Place};
@@ -25,11 +26,13 @@ use std::path::{Path, PathBuf};
 
 /// Measures how far a simplified mesh deviates from its original
 #[derive(Clone, Debug, clap::Args)]
+#[command(mut_arg("paths", |arg| {
+    let help = "The original mesh (several files, folders and lists become one), and last the simplified mesh";
+    arg.value_name("ORIGINAL>... <SIMPLIFIED").help(help)
+}))]
 pub struct Args {
-    /// The original mesh
-    original: PathBuf,
-    /// The simplified mesh
-    simplified: PathBuf,
+    #[command(flatten)]
+    meshes: InOut,
     /// Samples on each surface
     #[arg(long, value_name = "N", default_value = "1M", value_parser = parse_samples)]
     samples: u64,
@@ -124,9 +127,11 @@ impl Command for Args {
             super::arguments::require_ending("--heatmap", heatmap, &["ply"])?;
         }
         self.check_pictures()?;
-        Ok(Paths::new(self.force)
-            .with(Role::Input, "ORIGINAL", &self.original)
-            .with(Role::Input, "SIMPLIFIED", &self.simplified)
+        Ok(self
+            .meshes
+            .input
+            .add_to(Paths::new(self.force), "ORIGINAL")?
+            .with(Role::Input, "SIMPLIFIED", &self.meshes.output)
             .with_option(Role::Input, "--near", self.near.as_ref())
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
             .with_option(Role::Side(Kind::Heatmap), "--heatmap", self.heatmap.as_ref())
@@ -196,8 +201,8 @@ fn report(args: &Args, session: &mut Session) -> Result<Report> {
     let heat_to = args.heatmap.as_deref().map(Seen::new);
     let temp_dir = temp_dir(args);
     let [original, simplified] = [
-        super::arguments::open_mesh(&args.original, &temp_dir, args.memory)?,
-        super::arguments::open_mesh(&args.simplified, &temp_dir, args.memory)?,
+        super::arguments::open_mesh(&args.meshes.input, &temp_dir, args.memory)?,
+        super::arguments::open_mesh(&args.meshes.output, &temp_dir, args.memory)?,
     ];
     let memory_bytes = memory_budget(args.memory);
     let means = (memory_bytes, threads);
@@ -286,7 +291,7 @@ fn appearance(
 
 /// Returns the folder for cells and unpacked meshes: beside the simplified mesh, unless another is given.
 fn temp_dir(args: &Args) -> PathBuf {
-    args.temp_dir.clone().unwrap_or_else(|| folder_of(&args.simplified).to_path_buf())
+    args.temp_dir.clone().unwrap_or_else(|| folder_of(&args.meshes.output).to_path_buf())
 }
 
 fn region(

@@ -12,6 +12,7 @@ mod display;
 mod extract;
 mod faces;
 mod info;
+mod inputs;
 pub(crate) mod job;
 mod levels;
 mod log;

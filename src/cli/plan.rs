@@ -57,7 +57,9 @@ impl Args {
     pub(super) fn paths_of_work(&self, job_folder: &Path, folder: &Path) -> Result<Paths> {
         let units = UnitJob::new(job_folder, &Disk::default(), Duration::ZERO).units_folder();
         let units = std::path::absolute(&units).unwrap_or(units);
-        self.simplify.paths_in(&units).map(|paths| paths.typed_in(folder))
+        let mut simplify = self.simplify.clone();
+        simplify.paths.input = simplify.paths.input.typed_in(folder);
+        simplify.paths_in(&units).map(|paths| paths.typed_in(folder))
     }
 
     fn job(&self) -> UnitJob {
@@ -75,7 +77,7 @@ impl Args {
                 Texture::Auto => Texture::Keep,
                 other => other,
             },
-            input: if_not_stream(folder, &config.input),
+            input: config.input.typed_in(folder),
             output: if_not_stream(folder, &config.output),
             textures_beside: folder.join(&config.textures_beside),
             coarser: levels,

@@ -5,6 +5,7 @@ use super::arguments::{memory_budget, parse_memory};
 use super::placing::numbers;
 use super::session::{Command, Session};
 use crate::error::{Error, Result};
+use crate::io::InputPaths;
 use crate::io::ply::{FaceBlock, MeshSource, Place, VertexBlock};
 use crate::mesh::Mesh;
 use crate::render::{
@@ -22,7 +23,8 @@ use std::path::{Path, PathBuf};
 /// Renders a mesh of any size into a PNG picture, without a window or a GPU.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The mesh; several are shown side by side, all seen by the camera of the first.
+    /// The mesh; several are shown side by side, all seen by the camera of the first. The files of a folder or a list
+    /// (@list.txt) are one mesh.
     #[arg(required = true)]
     pub mesh: Vec<PathBuf>,
     /// The PNG file to write.
@@ -85,8 +87,8 @@ const TEXTURE: &str = "texture";
 
 impl Command for Args {
     fn paths(&self) -> Result<Paths> {
-        let inputs = |paths, mesh| Paths::with(paths, Role::Input, "MESH", mesh);
-        self.output_paths(self.mesh.iter().fold(Paths::new(self.force), inputs))
+        let add = |paths, mesh: &PathBuf| InputPaths::from(mesh).add_to(paths, "MESH");
+        self.output_paths(self.mesh.iter().try_fold(Paths::new(self.force), add)?)
     }
 
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {

@@ -4,6 +4,7 @@ use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
 use super::conflicts::{Mode, Row, check};
 use super::faces::TypedFaces;
+use super::inputs::InOut;
 use super::job::{ReadyJob, done_before, prepare, run_job, stages_done};
 use super::levels::TypedTarget;
 use super::method::{MethodName, TypedMethod};
@@ -34,10 +35,10 @@ use std::path::{Path, PathBuf};
 /// The same command continues after an interruption, whatever it was.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// The mesh to simplify.
-    pub input: PathBuf,
-    /// File that the result is written to.
-    pub output: PathBuf,
+    // Its own lines are its documentation.
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub paths: InOut,
     #[command(flatten)]
     target: TypedTarget,
     #[command(flatten)]
@@ -257,7 +258,7 @@ impl Args {
                 }),
                 ..kernel::Options::default()
             },
-            ..Config::new(&self.input, output, target)
+            ..Config::new(&self.paths.input, output, target)
         })
     }
 }
@@ -321,7 +322,7 @@ impl Args {
 
     /// The levels of the run, finest first; one, unless a chain was asked for.
     fn levels(&self) -> Result<Vec<Level>> {
-        self.target.levels(&self.output, self.method.grid)
+        self.target.levels(&self.paths.output, self.method.grid)
     }
 
     /// The job folder, of the first level in a chain.
@@ -347,16 +348,16 @@ impl Args {
 
     /// The paths of a job in this folder.
     pub(super) fn paths_in(&self, job_folder: &Path) -> Result<Paths> {
-        self.format.check(&self.output)?;
+        self.format.check(&self.paths.output)?;
         if let Some(seams) = &self.checks.seams {
             super::arguments::require_ending("--seams", seams, &["ply"])?;
         }
         // What a killed run of the same command has written is found by the run itself.
         let may_be_ours =
-            !self.job.restart && pipeline::has_begun_to_write(job_folder, &self.output);
+            !self.job.restart && pipeline::has_begun_to_write(job_folder, &self.paths.output);
         let outputs = self.levels()?.into_iter().map(|level| level.output);
-        let paths =
-            Paths::new(self.job.force || may_be_ours).with(Role::Input, "INPUT", &self.input);
+        let paths = Paths::new(self.job.force || may_be_ours);
+        let paths = self.paths.input.add_to(paths, "INPUT")?;
         let paths = outputs.fold(paths, |paths, output| paths.with(Role::Output, "OUTPUT", output));
         Ok(paths
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
@@ -385,7 +386,7 @@ impl Command for Args {
         if self.job.force || self.job.restart || self.dry_run || self.job.until.is_some() {
             return None;
         }
-        let output = self.output.display();
+        let output = self.paths.output.display();
         let line = format!("{output}: already done with the same settings; --force does it again");
         done_before(&self.config().ok()?, report).map(|code| (code, line))
     }

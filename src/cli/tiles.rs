@@ -2,6 +2,7 @@
 
 use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
+use super::inputs::InOut;
 use super::log::{Log, Talk};
 use super::outcome::{stage_line, write_json};
 use super::placing::{TypedMoves, TypedTransform, Up, numbers, parse_transform};
@@ -28,10 +29,10 @@ use std::path::{Path, PathBuf};
 /// interruption, whatever it was.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// The mesh to cut.
-    pub input: PathBuf,
-    /// Folder that is made for the tiles; it appears when they are complete.
-    pub output: PathBuf,
+    // Its own lines are its documentation.
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub paths: InOut,
     /// Triangles of a tile, about.
     #[arg(long, value_name = "N", value_parser = parse_tile, default_value_t = TILE_TRIANGLES)]
     tile_triangles: u64,
@@ -229,7 +230,7 @@ fn place_beside(
 impl Args {
     /// Turns the options that were typed into decided settings.
     fn config(&self) -> Result<TilesConfig> {
-        let default = TilesConfig::new(&self.input, &self.output);
+        let default = TilesConfig::new(&self.paths.input, &self.paths.output);
         let transform = match (self.geo, self.transform) {
             (Some(geo), _) => east_north_up(geo),
             (None, Some(TypedTransform(matrix))) => matrix,
@@ -254,7 +255,7 @@ impl Args {
             viewer: self.viewer,
             memory_bytes: memory_budget(self.memory),
             threads: super::arguments::threads(self.threads),
-            job_folder: super::arguments::job_folder(&self.output, self.temp_dir.as_deref())?,
+            job_folder: super::arguments::job_folder(&self.paths.output, self.temp_dir.as_deref())?,
             keep_temp: self.keep_temp,
             force: self.force,
             restart: self.restart,
@@ -267,10 +268,13 @@ impl Args {
 
 impl Command for Args {
     fn paths(&self) -> Result<Paths> {
-        let job_folder = super::arguments::job_folder(&self.output, self.temp_dir.as_deref())?;
-        Ok(Paths::new(self.force)
-            .with(Role::Input, "INPUT", &self.input)
-            .with(Role::OutputFolder, "OUTPUT", &self.output)
+        let job_folder =
+            super::arguments::job_folder(&self.paths.output, self.temp_dir.as_deref())?;
+        Ok(self
+            .paths
+            .input
+            .add_to(Paths::new(self.force), "INPUT")?
+            .with(Role::OutputFolder, "OUTPUT", &self.paths.output)
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
             .with(Role::JobFolder, "the job folder", job_folder))
@@ -291,7 +295,7 @@ fn make(args: &Args, session: &mut Session) -> Result<CommandEnd> {
     let mut config = args.config()?;
     let is_placed = args.geo.is_some() || args.transform.is_some();
     let typed = if is_placed { Some(&TypedCrs::None) } else { args.crs.as_ref() };
-    let place = place_beside(&args.input, typed, &mut config);
+    let place = place_beside(&args.paths.input.first(), typed, &mut config);
     super::arguments::warn_of_limit(args.memory, log);
     let prepared = prepare_tiles(&config)?;
     // glTF has y upwards by its standard.

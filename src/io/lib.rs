@@ -11,6 +11,7 @@ mod expected_size;
 mod extent;
 mod external_sort;
 mod face_survey;
+mod front_door;
 pub mod globe;
 mod gltf;
 pub mod join;

@@ -5,12 +5,13 @@
 //! folder, so that nothing is left behind however a run ends; a resumed run stages again.
 
 use super::open_options::StageOptions;
-use super::{containers, encodings, gltf, lock, obj, stl, weld};
+use super::{containers, encodings, gltf, obj, stl};
 use crate::ply::header::BYTE_ORDER_MARK;
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::source::Staged;
 use crate::ply::{Faults, MeshSource};
 use std::io::{BufReader, Read};
+use std::ops::Range;
 use std::path::Path;
 use stonecut_system::disk::open_input;
 use stonecut_system::error::{Error, Result};
@@ -35,40 +36,48 @@ impl Packing {
     }
 }
 
-impl MeshSource {
-    /// Opens any input: PLY, STL, OBJ, GLB or glTF, gzip or zstd compressed or not, `-` for standard input.
-    ///
-    /// A plain PLY file is opened where it is, like `open_with`, unless it is a range grid; everything else is staged first.
-    /// So is what `StageOptions::weld` joins.
-    pub fn open_staged(path: &Path, options: &StageOptions) -> Result<Self> {
-        let (mut given_bytes, mut stream_checksum) = (None, None);
-        let file = if path == Path::new("-") {
-            let name = Path::new("standard input");
-            let (file, checksum) = unpack(name, std::io::stdin().lock(), options)?;
-            stream_checksum = Some(checksum);
+/// Opens one file of any format: PLY, STL, OBJ, GLB or glTF, gzip or zstd compressed or not, `-` for standard input; or the
+/// mesh that lies somewhere in it.
+///
+/// A plain PLY file is opened where it is, like `open_with`, unless it is a range grid; everything else is staged first.
+pub(crate) fn open_part(
+    path: &Path,
+    bytes: Option<Range<u64>>,
+    options: &StageOptions,
+) -> Result<MeshSource> {
+    let (mut given_bytes, mut stream_checksum) = (None, None);
+    let file = if path == Path::new("-") {
+        let name = Path::new("standard input");
+        let (file, checksum) = unpack(name, std::io::stdin().lock(), options)?;
+        stream_checksum = Some(checksum);
+        file
+    } else {
+        let mut file = RawFile::open(path)?;
+        let is_part = bytes.is_some();
+        if let Some(bytes) = bytes {
+            file = file.part(bytes)?;
+        }
+        given_bytes = Some(file.len());
+        let mut first = [0u8; 4];
+        let n = file.read_at_most(&mut first, 0)?;
+        if is_part || Packing::of(&first[..n]) == Packing::Plain {
             file
         } else {
-            let file = RawFile::open(path)?;
-            given_bytes = Some(file.len());
-            let mut first = [0u8; 4];
-            let n = file.read_at_most(&mut first, 0)?;
-            if Packing::of(&first[..n]) == Packing::Plain {
-                file
-            } else {
-                unpack(path, open_input(path)?, options)?.0
-            }
-        };
-        let mut source = open_raw(file, options)?;
-        source.place(&options.read.placing)?;
-        if let Some(bytes) = given_bytes {
-            source.set_given_bytes(bytes);
+            unpack(path, open_input(path)?, options)?.0
         }
-        if let Some(checksum) = stream_checksum {
-            source.set_stream_checksum(checksum);
-        }
-        lock::lock(weld::weld(source, options)?, options)
+    };
+    let mut source = open_raw(file, options)?;
+    source.place(&options.read.placing)?;
+    if let Some(bytes) = given_bytes {
+        source.set_given_bytes(bytes);
     }
+    if let Some(checksum) = stream_checksum {
+        source.set_stream_checksum(checksum);
+    }
+    Ok(source)
+}
 
+impl MeshSource {
     /// Reads bytes in memory as if they were a file of any format.
     pub fn staged_from_bytes(name: &str, bytes: Vec<u8>, options: &StageOptions) -> Result<Self> {
         let file = match Packing::of(&bytes) {

@@ -10,9 +10,9 @@ use stonecut_system::error::Result;
 
 /// Rows of faces as they stand in a staged file.
 pub(crate) struct FaceRows {
-    rows: RawFile,
-    n_faces: u64,
-    n_bad: u64,
+    pub rows: RawFile,
+    pub n_faces: u64,
+    pub n_bad: u64,
 }
 
 /// Writes the faces with their new corners; `None` if one has too many corners for a row.

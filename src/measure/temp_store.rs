@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+use stonecut_io::InputPaths;
 use stonecut_io::ply::MeshSource;
 use stonecut_stages::partition::{Partition, partition};
 use stonecut_store::cells::{CellStore, VertexLayout};
@@ -69,10 +70,11 @@ impl Scratch {
             let checkpoint_every = std::time::Duration::MAX;
             let run = StageContext { job: &job, progress, threads, memory_bytes, checkpoint_every };
             // Standard input, and bytes in memory, have no marks.
-            let marks = input_marks(source.path());
+            let input = InputPaths::from(source.path());
+            let marks = input_marks(&input);
             let partition = partition(source, cutting.cell_triangles, &run);
             let partition = match marks {
-                Ok(marks) => unchanged(source.path(), &marks, partition)?,
+                Ok(marks) => unchanged(&input, &marks, partition)?,
                 Err(_) => partition?,
             };
             let layout = VertexLayout::new(source.schema(), source.n_vertices());

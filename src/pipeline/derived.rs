@@ -10,7 +10,7 @@ use super::verify;
 use crate::config::{CheckOptions, Config, JobOptions};
 use crate::error::Result;
 use crate::io::ply::{MeshSource, ReadOptions};
-use crate::io::{OutputFormat, OutputKind, StageOptions};
+use crate::io::{InputPaths, OutputFormat, OutputKind, StageOptions};
 use crate::mesh::codec::VertexCodec;
 use crate::methods::Made;
 use crate::store::job::fingerprint::job_identity;
@@ -153,8 +153,8 @@ pub(super) fn trial_path(config: &Config, name: &str) -> PathBuf {
 }
 
 /// Opens a mesh for a pass.
-pub(super) fn open(path: &Path, config: &Config, skip_bad: bool) -> Result<MeshSource> {
-    let placing = if path == config.input { config.placing.clone() } else { Default::default() };
+pub(super) fn open(path: &InputPaths, config: &Config, skip_bad: bool) -> Result<MeshSource> {
+    let placing = if *path == config.input { config.placing.clone() } else { Default::default() };
     let read = ReadOptions { skip_bad, placing, ..ReadOptions::default() };
     let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     let stage = stage.within(config.memory_bytes);

@@ -249,7 +249,7 @@ fn run_trial(
     let Some(mut report) = super::simplify(prepared, progress)? else { return Ok(None) };
     let started = Instant::now();
     let measured = match kept {
-        Some(kept) => Config { input: kept.to_path_buf(), ..config.clone() },
+        Some(kept) => Config { input: kept.into(), ..config.clone() },
         None => config.clone(),
     };
     let pair = MeasuredPair::open(&measured, &inner.output)?;

@@ -6,7 +6,7 @@
 pub use super::method_reports::{
     DecimationReport, EdgesReport, GridReport, PairsReport, RetilingReport, SpreadReport,
 };
-use crate::io::ply::{MeshSource, WeldReport, type_name};
+use crate::io::ply::{MeshSource, PartReport, WeldReport, type_name};
 use crate::io::{NUMBER, OBJECT, OutputKind, TexturePlan};
 use crate::mesh::bounds::Bounds;
 use crate::mesh::face_properties::{FacePolicy, FacePropertyPlan};
@@ -287,6 +287,9 @@ pub struct RunReport {
     pub version: String,
     /// The input.
     pub input: InputReport,
+    /// Files that became the input, if they were several.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub inputs: Vec<PartReport>,
     /// Every setting that changes the result (`Config::settings`).
     pub settings: BTreeMap<String, String>,
     /// Cells of the first round.

@@ -7,6 +7,7 @@
 
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::io::InputPaths;
 use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::{OutputKind, StageOptions};
 use crate::measure::compare::{self, Report, Request};
@@ -46,12 +47,14 @@ pub struct MeasuredPair {
 impl MeasuredPair {
     /// Opens the input as the run did, and what it wrote.
     pub fn open(config: &Config, output: &Path) -> Result<MeasuredPair> {
-        let open = |path: &Path, read: ReadOptions| {
+        let open = |path: InputPaths, read: ReadOptions| {
             let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
             MeshSource::open_staged(path, &stage.within(config.memory_bytes))
         };
-        let (original, simplified) =
-            (open(&config.input, config.read_options())?, open(output, ReadOptions::default())?);
+        let (original, simplified) = (
+            open(config.input.clone(), config.read_options())?,
+            open(output.into(), ReadOptions::default())?,
+        );
         Ok(MeasuredPair { original, simplified })
     }
 

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use stonecut_io::ply::ReadOptions;
-use stonecut_io::{Lock, NameUse, Weld};
+use stonecut_io::{InputPaths, Lock, NameUse, Weld};
 use stonecut_kernel::{Fit, Placement, Topology};
 use stonecut_mesh::placing::Placing;
 use stonecut_system::memory;
@@ -184,8 +184,8 @@ pub struct Progressive {
 /// Settings of a run of `simplify`, every value final; `Texture::Auto` alone is decided when the input is open.
 #[derive(Clone, Debug)]
 pub struct Config {
-    /// The mesh to simplify.
-    pub input: PathBuf,
+    /// The mesh to simplify: one file, or several that become one.
+    pub input: InputPaths,
     /// Path of the result; of a chain, that of the finest level.
     pub output: PathBuf,
     /// Target of the simplification; of a chain, that of the finest level.
@@ -266,7 +266,7 @@ impl Config {
     /// let mut config = Config::new("scan.ply", "small.ply", Target::Ratio(0.01));
     /// config.memory_bytes = 4 << 30;
     /// ```
-    pub fn new(input: impl Into<PathBuf>, output: impl Into<PathBuf>, target: Target) -> Config {
+    pub fn new(input: impl Into<InputPaths>, output: impl Into<PathBuf>, target: Target) -> Config {
         let output = output.into();
         let mut job_folder = output.clone().into_os_string();
         job_folder.push(".stonecut-job");

@@ -23,6 +23,8 @@ pub enum Role {
     InputFile,
     /// A folder that is read.
     InputFolder,
+    /// A folder whose meshes are read: a result in it would be one of them the next time.
+    InputParts,
     /// The mesh, picture or page that the command is there for; `-` is standard output.
     Output,
     /// Written beside the main output.
@@ -132,16 +134,30 @@ impl Paths {
         let keys: Vec<Key> = self.rows.iter().map(|row| row.key()).collect();
         for (i, a) in self.rows.iter().enumerate() {
             for (j, b) in self.rows.iter().enumerate().skip(i + 1) {
+                if a.is_read() && b.is_read() && !(a.is_stream() && b.is_stream()) {
+                    continue;
+                }
                 let are_folders = a.role == Role::TempDir || b.role == Role::TempDir;
                 // Standard input and standard output are two things, but each can be used only once.
                 let is_once = keys[i] != Key::Stream || a.is_read() == b.is_read();
-                let both_read = a.is_read() && b.is_read() && keys[i] != Key::Stream;
-                if keys[i] == keys[j] && is_once && !both_read && !are_folders {
+                if keys[i] == keys[j] && is_once && !are_folders {
                     return Err(Error::Usage(format!(
                         "{} and {} are the same file, {}; give each its own path",
                         a.name,
                         b.name,
                         b.path.display()
+                    )));
+                }
+            }
+        }
+        for folder in self.rows.iter().filter(|row| row.role == Role::InputParts) {
+            let is_result = |row: &&Row| matches!(row.role, Role::Output | Role::OutputFolder);
+            for row in self.rows.iter().filter(is_result) {
+                if !row.is_stream() && row.lies_in(folder) {
+                    let (path, name, folder) =
+                        (row.path.display(), row.name, folder.path.display());
+                    return Err(Error::Usage(format!(
+                        "{path}: {name} lies in {folder}, whose meshes are the input; put it elsewhere"
                     )));
                 }
             }
@@ -165,7 +181,7 @@ impl Paths {
 
 impl Row {
     fn is_read(&self) -> bool {
-        matches!(self.role, Role::Input | Role::InputFile | Role::InputFolder)
+        matches!(self.role, Role::Input | Role::InputFile | Role::InputFolder | Role::InputParts)
     }
 
     /// True for a folder that comes as a whole, and may take the place of an earlier one.
@@ -202,7 +218,7 @@ impl Row {
         if self.is_stream() {
             return Ok(());
         }
-        if self.role == Role::InputFolder {
+        if matches!(self.role, Role::InputFolder | Role::InputParts) {
             return match std::fs::metadata(&self.path) {
                 Ok(meta) if meta.is_dir() => Ok(()),
                 Ok(meta) => {

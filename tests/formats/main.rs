@@ -6,6 +6,7 @@ mod common;
 mod dialects;
 mod fuzz;
 mod gltf_extensions;
+mod inputs;
 mod kept_and_named;
 mod ledger;
 mod names;

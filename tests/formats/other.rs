@@ -5,7 +5,7 @@
 
 use std::io::Write;
 use std::path::Path;
-use stonecut::cli::convert::{Args, Converted, convert};
+use stonecut::cli::convert::{Args, Converted, InOut, convert};
 use stonecut::io::ply::{FaceBlock, MeshSource, VertexBlock};
 use stonecut::io::{OutputFormat, StageOptions, Weld};
 
@@ -39,8 +39,7 @@ fn soup(source: &MeshSource) -> stonecut::Result<Vec<[[u64; 3]; 3]>> {
 fn to(input: &Path, output: &Path, format: &str) -> stonecut::Result<Converted> {
     let format: OutputFormat = format.parse().map_err(stonecut::Error::Usage)?;
     convert(&Args {
-        input: input.into(),
-        output: output.into(),
+        paths: InOut { input: input.into(), output: output.into() },
         format,
         force: false,
         skip_bad: false,
@@ -50,7 +49,7 @@ fn to(input: &Path, output: &Path, format: &str) -> stonecut::Result<Converted> 
         textures: None,
         keep_duplicates: false,
         keep_unreferenced: false,
-        weld: Weld::Off,
+        weld: Some(Weld::Off),
         temp_dir: None,
         memory: None,
         report: None,

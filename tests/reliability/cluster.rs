@@ -397,7 +397,7 @@ fn a_failing_disk_ends_a_unit_and_harms_nothing() {
     let words: Vec<std::ffi::OsString> = words.iter().map(std::convert::Into::into).collect();
     let typed = stonecut::cli::call::config(&words).unwrap();
     let config = stonecut::config::Config {
-        input: at.join("in.ply"),
+        input: at.join("in.ply").into(),
         output: at.join("out.ply"),
         job_folder: at.join("job/units"),
         threads: std::num::NonZeroUsize::MIN,

@@ -189,7 +189,7 @@ fn pages_are_asked_for_only_where_there_are_images() {
 }
 
 fn painted_config(folder: &Path, texture: TileTexture) -> TilesConfig {
-    TilesConfig { input: folder.join("in.obj"), texture, ..config(folder, "out") }
+    TilesConfig { input: folder.join("in.obj").into(), texture, ..config(folder, "out") }
 }
 
 #[test]

@@ -177,7 +177,7 @@ pub fn config(folder: &Path, output: &str) -> TilesConfig {
     let mut transform = [0.0; 16];
     (0..4).for_each(|k| transform[5 * k] = 1.0);
     TilesConfig {
-        input: folder.join("in.ply"),
+        input: folder.join("in.ply").into(),
         output: folder.join(output),
         tile_triangles: 1000,
         finest: Finest::Input,

@@ -9,8 +9,9 @@ use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
-use stonecut_system::disk::read_regular;
+use stonecut_system::disk::{open_input, read_regular};
 use stonecut_system::error::{Error, Result};
+use stonecut_system::paths::{Paths, Role};
 
 /// Endings of mesh files, as they are looked for in folders.
 const ENDINGS: [&str; 5] = ["ply", "stl", "obj", "glb", "gltf"];
@@ -28,7 +29,9 @@ pub struct InputPaths {
 
 impl InputPaths {
     /// Several paths; at least one.
-    pub fn new(given: Vec<PathBuf>) -> InputPaths {
+    pub fn new(mut given: Vec<PathBuf>) -> InputPaths {
+        // A resumed job knows its input, whatever the order.
+        given.sort_by(|a, b| by_name(a, b));
         let shown = match given.as_slice() {
             [] => PathBuf::new(),
             [one] => one.clone(),
@@ -42,7 +45,7 @@ impl InputPaths {
         InputPaths { given, shown }
     }
 
-    /// The paths as they were typed.
+    /// The paths that were typed, sorted.
     pub fn given(&self) -> &[PathBuf] {
         &self.given
     }
@@ -104,6 +107,21 @@ impl InputPaths {
         Ok(set)
     }
 
+    /// Adds all files and folders to the paths of a command, under the name that people know them by.
+    pub fn add_to(&self, paths: Paths, name: &'static str) -> Result<Paths> {
+        let files = self.files()?.into_iter();
+        let paths = files.fold(paths, |paths, file| paths.with(Role::Input, name, file));
+        let add = |paths, folder: &PathBuf| Paths::with(paths, Role::InputParts, name, folder);
+        Ok(self.folders().fold(paths, add))
+    }
+
+    /// The first mesh file: one that files beside it may say the place of. As shown where none is found.
+    pub fn first(&self) -> PathBuf {
+        let part = || self.set().ok()?.parts.into_iter().next();
+        let first = if self.is_one() { None } else { part() };
+        first.map_or_else(|| self.shown.clone(), |part| part.path)
+    }
+
     /// All files that are read, each once.
     pub fn files(&self) -> Result<Vec<PathBuf>> {
         if self.is_one() {
@@ -135,6 +153,8 @@ fn full(path: &Path) -> PathBuf {
 /// Adds what a path names.
 fn add(path: &Path, set: &mut InputSet) -> Result<()> {
     if let Some(list) = list_of(path) {
+        // Says by itself what is not a file.
+        open_input(&list)?;
         let text = read_regular(&list, MOST_LIST_BYTES)
             .map_err(|e| Error::reading(&*list, "cannot read", e))?;
         let text = String::from_utf8(text)
@@ -271,6 +291,12 @@ impl Deref for InputPaths {
     }
 }
 
+impl AsRef<Path> for InputPaths {
+    fn as_ref(&self) -> &Path {
+        self
+    }
+}
+
 impl From<Vec<PathBuf>> for InputPaths {
     fn from(given: Vec<PathBuf>) -> InputPaths {
         InputPaths::new(given)
@@ -332,12 +358,14 @@ mod tests {
         std::fs::write(at("list.txt"), "b.obj\n# none\n\na9.obj\n").unwrap();
         let mut list = std::ffi::OsString::from("@");
         list.push(at("list.txt"));
-        let inputs = InputPaths::new(vec![at("b.obj"), folder.path().into(), list.into()]);
+        let inputs = InputPaths::new(vec![at("b.obj"), list.into(), folder.path().into()]);
+        let turned = InputPaths::new(inputs.given().iter().rev().cloned().collect());
+        assert_eq!(inputs, turned);
         let set = inputs.set().unwrap();
         let names: Vec<_> = set.parts.iter().map(|p| p.path.file_name().unwrap()).collect();
         assert_eq!(names, ["a9.obj", "a10.obj", "b.obj"]);
         assert_eq!((set.repeated.len(), set.found_in), (3, vec![at("list.txt")]));
-        assert!(inputs.display().to_string().ends_with("b.obj and 2 others"));
+        assert!(inputs.display().to_string().ends_with(" and 2 others"));
         std::fs::write(at("c.ply"), "").unwrap();
         let error = InputPaths::from(folder.path()).set().unwrap_err().to_string();
         assert!(error.contains("3 .obj, 1 .ply"), "{error}");

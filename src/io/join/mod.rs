@@ -6,10 +6,14 @@ mod affine;
 mod contents;
 mod implicit;
 mod inputs;
+mod looks;
+mod schemas;
+mod stage;
 mod tree_folder;
 mod trees;
 
 pub use inputs::InputPaths;
+pub(crate) use stage::stage;
 
 use std::ops::Range;
 use std::path::PathBuf;

@@ -21,6 +21,7 @@ mod place;
 mod placed;
 mod range_grid;
 pub mod raw;
+mod reports;
 pub mod rows;
 pub mod scan;
 mod skipped;
@@ -32,8 +33,9 @@ pub mod writer;
 
 pub use full_faces::{FaceLook, FaceLooks};
 pub use header::Encoding;
+pub use reports::{PartReport, WeldReport};
 pub use source::LockedBy;
-pub use source::{Faults, MeshSource, ReadOptions, TextureInfo, WeldReport};
+pub use source::{Faults, MeshSource, ReadOptions, TextureInfo};
 pub use stonecut_system::pending_file::Place;
 pub use writer::type_name;
 pub use writer::{FaceSchema, OutputHeader, PlyFormat, PlyWriter, TexturedTriangle};

@@ -14,6 +14,10 @@ pub struct RawFile {
     path: PathBuf,
     data: Data,
     len: u64,
+    /// First byte of what is read; the whole file begins at 0.
+    start: u64,
+    /// True if it ends where the mesh in it does; a whole file may grow.
+    is_part: bool,
     /// True if it is the file of this name itself, and not something made from it.
     is_original: bool,
     /// Holds the bytes of temporary data on disk.
@@ -35,9 +39,24 @@ impl RawFile {
             path,
             data: Data::File(file),
             len: meta.len(),
+            start: 0,
+            is_part: false,
             is_original: true,
             _account: None,
         })
+    }
+
+    /// The same file from a byte on, as if it was all there is: a mesh inside of another file.
+    pub fn part(self, bytes: std::ops::Range<u64>) -> Result<Self> {
+        if bytes.start > bytes.end || bytes.end > self.len {
+            let (from, to, len) = (bytes.start, bytes.end, self.len);
+            return Err(
+                self.bad(format!("its mesh from byte {from} to {to} ends behind byte {len}"))
+            );
+        }
+        let start = self.start + bytes.start;
+        let len = bytes.end - bytes.start;
+        Ok(RawFile { start, len, is_part: true, is_original: false, ..self })
     }
 
     /// Takes bytes as if they were the file `name`.
@@ -47,6 +66,8 @@ impl RawFile {
             path: name.into(),
             data: Data::Memory(bytes),
             len,
+            start: 0,
+            is_part: false,
             is_original: false,
             _account: None,
         }
@@ -88,6 +109,16 @@ impl RawFile {
 
     /// Reads up to `buffer.len()` bytes from `offset`; less only at the end of the file.
     pub fn read_at_most(&self, buffer: &mut [u8], offset: u64) -> Result<usize> {
+        // Nothing behind the end of a part is its own.
+        let room = usize::try_from(self.len.saturating_sub(offset)).unwrap_or(usize::MAX);
+        let buffer = match self.is_part {
+            true => {
+                let n = room.min(buffer.len());
+                &mut buffer[..n]
+            }
+            false => buffer,
+        };
+        let offset = self.start.saturating_add(offset);
         match &self.data {
             Data::Memory(bytes) => {
                 let start = usize::try_from(offset).unwrap_or(usize::MAX).min(bytes.len());
@@ -223,6 +254,14 @@ impl Spool {
             None => Data::Memory(self.memory),
         };
         let (path, _account) = (name.to_path_buf(), Some(self.account));
-        Ok(RawFile { path, data, len: self.len, is_original: false, _account })
+        Ok(RawFile {
+            path,
+            data,
+            len: self.len,
+            start: 0,
+            is_part: false,
+            is_original: false,
+            _account,
+        })
     }
 }

@@ -8,6 +8,7 @@ use super::header::{Element, Encoding, Header, Kind};
 use super::layout::{FaceLayout, Layout, VertexLayout, locate};
 use super::placed::Placed;
 use super::raw::RawFile;
+use super::reports::{PartReport, WeldReport};
 use super::skipped::BadVertices;
 use super::textures;
 use crate::materials::Materials;
@@ -47,19 +48,6 @@ pub struct Faults {
     pub missing_faces: u64,
     /// Broken faces of an STL or OBJ file.
     pub bad_faces: u64,
-}
-
-/// Outcome of the weld.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct WeldReport {
-    /// Vertices in the file.
-    pub vertices: u64,
-    /// Vertices that became one with another.
-    pub joined: u64,
-    /// Distance within which vertices were joined, in input units; 0 if none were.
-    pub distance: f64,
-    /// Observations, for people.
-    pub notes: Vec<String>,
 }
 
 /// Texture images that the faces refer to by coordinates at their corners.
@@ -118,6 +106,8 @@ pub struct Staged {
     pub weld: Option<WeldReport>,
     /// Property of vertices that says which of them must stay.
     pub lock: Option<LockedBy>,
+    /// Files that became this mesh, if it was made of several.
+    pub parts: Vec<PartReport>,
     /// Parts of the input that the PLY does not have.
     pub losses: Ledger,
 }
@@ -242,6 +232,11 @@ impl MeshSource {
     /// Notes the property that says which vertices must stay.
     pub fn note_lock(&mut self, lock: LockedBy) {
         self.staged.lock = Some(lock);
+    }
+
+    /// Files that became this mesh; empty for a single file.
+    pub fn parts(&self) -> &[PartReport] {
+        &self.staged.parts
     }
 
     /// Outcome of joining copies of vertices, where there was something to say.

@@ -10,7 +10,7 @@ mod neighbours;
 mod rewrite;
 mod survey;
 
-use super::open_options::{StageOptions, Weld};
+use super::open_options::{StageOptions, Weld, WeldOptions};
 use crate::ply::{MeshSource, WeldReport};
 use stonecut_system::error::Result;
 use stonecut_system::units::show_count;
@@ -36,6 +36,29 @@ pub fn weld(source: MeshSource, options: &StageOptions) -> Result<MeshSource> {
         return Ok(with_note(source, &found));
     }
     rewrite::join(source, &found, how, options)
+}
+
+/// Joins the borders of parts that were staged as one mesh: exact copies always, others as `options.weld` says.
+pub fn join_parts(source: MeshSource, options: &StageOptions) -> Result<MeshSource> {
+    let plain = || WeldOptions { how: Weld::Auto, exact_above: 0, labels: Vec::new() };
+    let how = options.weld.clone().unwrap_or_else(plain);
+    let found = survey::of_parts(&source, how.how)?;
+    let n_parts = source.parts().len();
+    let mut source = rewrite::join(source, &found, &how, options)?;
+    let vertices = source.n_vertices();
+    let mut report =
+        source.weld().cloned().unwrap_or(WeldReport { vertices, ..WeldReport::default() });
+    let (joined, distance) = (show_count(report.joined), found.distance);
+    report.notes = vec![match report.joined {
+        0 => format!(
+            "{n_parts} files have no vertices in common within {distance:.1e}; if they belong together, --weld DISTANCE"
+        ),
+        _ => format!(
+            "{n_parts} files became one mesh: {joined} vertices lay within {distance:.1e} of another and were joined"
+        ),
+    }];
+    source.note_weld(report);
+    Ok(source)
 }
 
 /// Notes what was seen where nothing is joined.

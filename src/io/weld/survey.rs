@@ -5,6 +5,7 @@
 //! nearest other vertex of each.
 
 use crate::open_edges::open_among;
+use crate::open_options::Weld;
 use crate::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::vec3::{Vec3, length_sq, sub};
@@ -23,6 +24,10 @@ const ROUNDING: f64 = 1e-5;
 const SHARE_OF_EDGE: f64 = 0.05;
 /// Distance that was asked for, as a share of the mean edge at most: neighbours on one boundary must not meet.
 const ASKED_SHARE_OF_EDGE: f64 = 0.1;
+/// The same of borders of parts, whose copies are known to be rounded; a share of the shorter edges.
+const PARTS_SHARE_OF_EDGE: f64 = 0.25;
+/// Of copies that are rounded to steps at random the farthest are 1.6 times as far apart as 95 % are.
+const PARTS_SPREAD: f64 = 2.0;
 /// Vertices in the sample, about, and in one cell at most.
 const SAMPLE: u64 = 1 << 16;
 const MOST_IN_CELL: usize = 512;
@@ -132,6 +137,29 @@ pub(super) fn asked(source: &MeshSource, distance: f64) -> Result<Found> {
         bounds,
         ..Found::default()
     })
+}
+
+/// Distance for the borders of parts: copies in different files are as far apart as their digits or quantisation make them,
+/// which a sample of the vertices at open edges shows.
+pub(super) fn of_parts(source: &MeshSource, how: Weld) -> Result<Found> {
+    let mut found = asked(source, f64::INFINITY)?;
+    found.distance = match how {
+        Weld::Off => 0.0,
+        Weld::Distance(distance) => distance.min(found.distance),
+        Weld::Auto => {
+            let Some(edges) = edges(source)? else { return Ok(found) };
+            let limit = PARTS_SHARE_OF_EDGE * edges.short;
+            let mut sample = Sample::take(source, edges.middle)?;
+            sample.keep(&open_among(source, &sample.ids())?);
+            let mut near: Vec<f64> =
+                sample.nearest(0.5 * limit).into_iter().map(|(_, d)| d).collect();
+            near.sort_by(f64::total_cmp);
+            let far = near.get(near.len() * 95 / 100).copied().unwrap_or(0.0);
+            let of_type = 4.0 * source.schema().rounding() * largest(&found.bounds);
+            (PARTS_SPREAD * far).max(of_type).min(limit)
+        }
+    };
+    Ok(found)
 }
 
 /// Calls `each` with every vertex and its position.

@@ -238,6 +238,7 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
         version: env!("CARGO_PKG_VERSION").to_owned(),
         method: config.method.name().to_owned(),
         input: InputReport { faults, ..InputReport::new(&config.input, source, made.bounds) },
+        inputs: source.parts().to_vec(),
         settings: config.settings(),
         output: OutputReport {
             path: config.output.display().to_string(),

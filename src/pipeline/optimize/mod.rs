@@ -42,7 +42,7 @@ fn optimize_result(run: &DerivedRun) -> Result<RunReport> {
     let mut report = run.part("result", || run_before(&path, config, progress))?;
     report.seconds = 0.0;
     job.clear_scratch()?;
-    let result = open(&path, config, false)?;
+    let result = open(&path.as_path().into(), config, false)?;
     let codec = result.schema().kernel_codec(&config.attributes.labels);
     let mut made = load(&result, config, progress)?;
     let n_triangles = made.mesh.triangles.len() as u64;

@@ -51,7 +51,7 @@ fn in_turn(run: &DerivedRun, counts: Counts, target: u64) -> Result<RunReport> {
     let made = trial_path(config, "last");
     let kind = config.kind()?;
     let last = Config {
-        input: joined,
+        input: joined.into(),
         output: made.clone(),
         target: Target::Triangles(target),
         format: OutputFormat { kind: Some(kind), ..config.format },
@@ -107,7 +107,7 @@ fn contract(
     disk: &Disk,
     progress: &Progress,
 ) -> Result<(PairsReport, Vec<StageReport>)> {
-    let source = open(fine, config, false)?;
+    let source = open(&fine.into(), config, false)?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     let n_before = source.n_triangles();
     let start = Instant::now();

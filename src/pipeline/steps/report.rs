@@ -49,6 +49,7 @@ impl SimplifyRun<'_> {
                 faults: faults(source, partition, self.dropped.unwrap_or_default()),
                 ..InputReport::new(&config.input, source, partition.bounds)
             },
+            inputs: source.parts().to_vec(),
             settings: config.settings(),
             cells: partition.store.cells.len() as u32,
             rounds: self.rounds_done,

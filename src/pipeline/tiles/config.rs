@@ -2,7 +2,7 @@
 
 use crate::config::CHECKPOINT_EVERY;
 use crate::io::ply::ReadOptions;
-use crate::io::{NameUse, Weld};
+use crate::io::{InputPaths, NameUse, Weld};
 use crate::mesh::placing::Placing;
 use crate::system::memory;
 use std::collections::BTreeMap;
@@ -51,8 +51,8 @@ pub struct MapPlace {
 /// A run of `tiles`.
 #[derive(Clone, Debug)]
 pub struct TilesConfig {
-    /// The mesh.
-    pub input: PathBuf,
+    /// The mesh: one file, or several that become one.
+    pub input: InputPaths,
     /// The folder of the tree.
     pub output: PathBuf,
     /// Triangles of a tile, about.
@@ -97,7 +97,7 @@ pub struct TilesConfig {
 
 impl TilesConfig {
     /// Settings of a run with the defaults of the command: all cores, the default budget, the job folder beside `output`.
-    pub fn new(input: impl Into<PathBuf>, output: impl Into<PathBuf>) -> TilesConfig {
+    pub fn new(input: impl Into<InputPaths>, output: impl Into<PathBuf>) -> TilesConfig {
         let output = output.into();
         let mut job_folder = output.clone().into_os_string();
         job_folder.push(".stonecut-job");

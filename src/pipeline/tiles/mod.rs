@@ -89,7 +89,7 @@ fn run(
     let mut input_marks = marks.clone();
     input_marks.insert("vertices".to_owned(), source.n_vertices().to_string());
     input_marks.insert("faces".to_owned(), source.n_face_rows().to_string());
-    let input = std::path::absolute(&config.input).unwrap_or_else(|_| config.input.clone());
+    let input = std::path::absolute(&*config.input).unwrap_or_else(|_| config.input.to_path_buf());
     let schema = layout(&source, textured).schema;
     let (scalars, lost) = tiles::carried_scalars(&schema);
     let mut settings = config.settings();
@@ -252,6 +252,7 @@ fn run(
             faults: faults(&source, &partition, dropped),
             ..InputReport::new(&config.input, &source, partition.bounds)
         },
+        inputs: source.parts().to_vec(),
         settings: config.settings(),
         output: FolderReport {
             path: config.output.display().to_string(),

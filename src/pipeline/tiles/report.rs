@@ -1,5 +1,6 @@
 //! The report of a run of `tiles`, as `--report` writes it; docs/design/tiles.md describes the keys.
 
+use crate::io::ply::PartReport;
 use crate::pipeline::run_report::{InputReport, StageReport};
 use crate::store::cells::{GroupRecord, TileRecord};
 use crate::system::losses::Ledger;
@@ -66,6 +67,9 @@ pub struct TilesReport {
     pub version: String,
     /// The input.
     pub input: InputReport,
+    /// Files that became the input, if they were several.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub inputs: Vec<PartReport>,
     /// Settings that change the result.
     pub settings: BTreeMap<String, String>,
     /// The folder.

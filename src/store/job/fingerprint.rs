@@ -11,6 +11,7 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
+use stonecut_io::InputPaths;
 use stonecut_io::ply::MeshSource;
 use stonecut_system::disk::open_input;
 use stonecut_system::error::{Error, Result};
@@ -22,8 +23,24 @@ const HEAD_BYTES: usize = 65_536;
 
 /// Name and value of each mark: bytes, time of the last change, checksum of samples.
 ///
-/// Standard input (`-`) has none.
-pub fn input_marks(path: &Path) -> Result<BTreeMap<String, String>> {
+/// Standard input (`-`) has none. Of several files each has one, and there is the sum of their bytes.
+pub fn input_marks(input: &InputPaths) -> Result<BTreeMap<String, String>> {
+    if input.is_one() {
+        return file_marks(input);
+    }
+    let (mut marks, mut n_bytes) = (BTreeMap::new(), 0u64);
+    for path in input.files()? {
+        let own = file_marks(&path)?;
+        n_bytes += own.get("bytes").and_then(|n| n.parse::<u64>().ok()).unwrap_or(0);
+        let path = std::path::absolute(&path).unwrap_or(path);
+        marks.insert(format!("{PART}{}", path.display()), one_mark(own));
+    }
+    marks.insert("bytes".to_owned(), n_bytes.to_string());
+    Ok(marks)
+}
+
+/// The marks of one file.
+pub fn file_marks(path: &Path) -> Result<BTreeMap<String, String>> {
     let mut marks = BTreeMap::new();
     if path == Path::new("-") {
         return Ok(marks);
@@ -57,6 +74,9 @@ fn sample_checksum(file: &File, bytes: u64) -> std::io::Result<u64> {
 /// Name of the mark of a file that the input names, before its path.
 const BESIDE: &str = "beside ";
 
+/// The same of a file of several that are the input.
+const PART: &str = "file ";
+
 /// Name and value of a mark for every file that the input names and that is read with it: buffers, libraries, images; for
 /// standard input a checksum of all its bytes.
 pub fn marks_beside(source: &MeshSource) -> BTreeMap<String, String> {
@@ -77,22 +97,30 @@ pub fn marks_beside(source: &MeshSource) -> BTreeMap<String, String> {
 
 /// The marks of an input as they are now, and of the files beside it that it had before.
 pub fn marks_now(
-    path: &Path,
+    input: &InputPaths,
     before: &BTreeMap<String, String>,
 ) -> Result<BTreeMap<String, String>> {
-    let mut now = input_marks(path)?;
+    let mut now = match input_marks(input) {
+        // The one that is not there is named below.
+        Err(_) if !input.is_one() && !before.is_empty() => BTreeMap::new(),
+        marks => marks?,
+    };
     for name in before.keys() {
-        if let Some(beside) = name.strip_prefix(BESIDE) {
-            now.insert(name.clone(), mark_of(Path::new(beside)));
+        if let Some(path) = name.strip_prefix(BESIDE).or_else(|| name.strip_prefix(PART)) {
+            now.insert(name.clone(), mark_of(Path::new(path)));
         }
     }
     Ok(now)
 }
 
+fn one_mark(marks: BTreeMap<String, String>) -> String {
+    marks.into_values().collect::<Vec<_>>().join(" ")
+}
+
 /// All marks of a file in one value.
 fn mark_of(path: &Path) -> String {
-    match input_marks(path) {
-        Ok(marks) => marks.into_values().collect::<Vec<_>>().join(" "),
+    match file_marks(path) {
+        Ok(marks) => one_mark(marks),
         Err(_) => "missing".to_owned(),
     }
 }
@@ -100,7 +128,7 @@ fn mark_of(path: &Path) -> String {
 /// Returns the result of reading `path` if the file's fingerprint is still the one taken `before`, else an error that
 /// says so, whatever came out. A file that changes can give rise to any error, and to a mesh that never was.
 pub fn unchanged<T>(
-    path: &Path,
+    path: &InputPaths,
     before: &BTreeMap<String, String>,
     outcome: Result<T>,
 ) -> Result<T> {
@@ -156,7 +184,7 @@ pub fn job_identity(
     marks.extend(marks_beside(source));
     marks.insert("vertices".to_owned(), source.n_vertices().to_string());
     marks.insert("faces".to_owned(), source.n_face_rows().to_string());
-    let input = std::path::absolute(&config.input).unwrap_or_else(|_| config.input.clone());
+    let input = std::path::absolute(&*config.input).unwrap_or_else(|_| config.input.to_path_buf());
     let input = input.display().to_string();
     Identity { input, input_marks: marks, settings: config.settings() }
 }
@@ -169,15 +197,16 @@ mod tests {
     fn every_change_shows_in_the_marks() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
+        let input = InputPaths::from(&path);
         let bytes = vec![7u8; 3 << 20];
         std::fs::write(&path, &bytes).unwrap();
-        let before = input_marks(&path).unwrap();
-        assert_eq!(unchanged(&path, &before, Ok(5)).unwrap(), 5);
+        let before = input_marks(&input).unwrap();
+        assert_eq!(unchanged(&input, &before, Ok(5)).unwrap(), 5);
         let fault = || Err::<u32, _>(Error::bad_input("a", "row 7 is bad"));
-        assert!(unchanged(&path, &before, fault()).unwrap_err().to_string().contains("row 7"));
+        assert!(unchanged(&input, &before, fault()).unwrap_err().to_string().contains("row 7"));
         let told = |how: &str| {
             for outcome in [Ok(5), fault()] {
-                let error = unchanged(&path, &before, outcome).unwrap_err();
+                let error = unchanged(&input, &before, outcome).unwrap_err();
                 assert_eq!(error.exit_code(), 4);
                 let said = error.to_string();
                 assert!(said.contains("changed during the run") && said.contains(how), "{said}");
@@ -192,7 +221,26 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         told("no longer");
         // Nothing to compare, and nothing to fail.
-        assert!(input_marks(Path::new("-")).unwrap().is_empty());
-        assert_eq!(unchanged(Path::new("-"), &BTreeMap::new(), Ok(3)).unwrap(), 3);
+        assert!(input_marks(&"-".into()).unwrap().is_empty());
+        assert_eq!(unchanged(&"-".into(), &BTreeMap::new(), Ok(3)).unwrap(), 3);
+    }
+    #[test]
+    fn a_file_of_several_that_changed_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = ["a", "b"].map(|name| folder.path().join(name));
+        paths.iter().for_each(|path| std::fs::write(path, "1").unwrap());
+        let input = InputPaths::new(paths.to_vec());
+        let before = input_marks(&input).unwrap();
+        assert_eq!((before.len(), before["bytes"].as_str()), (3, "2"));
+        assert!(unchanged(&input, &before, Ok(())).is_ok());
+        let told = |word: &str| {
+            let said = unchanged(&input, &before, Ok(())).unwrap_err().to_string();
+            let name = format!("{} {word}", paths[1].display());
+            assert!(said.contains(&name), "{said}");
+        };
+        std::fs::write(&paths[1], "12").unwrap();
+        told("2 ");
+        std::fs::remove_file(&paths[1]).unwrap();
+        told("missing");
     }
 }

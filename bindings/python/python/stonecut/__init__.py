@@ -31,7 +31,7 @@ from ._arrays import Array, Attributes, Mesh
 from ._arrays import faces as _faces
 from ._arrays import points as _points
 from ._stonecut import Progress, __version__
-from ._words import PathLike, options, path, target
+from ._words import PathLike, options, path, paths, target
 from .errors import (
     BadInput,
     DeviceError,
@@ -302,7 +302,7 @@ def simplify(
 
 
 def simplify_file(
-    input: PathLike,
+    input: PathLike | Iterable[PathLike],
     output: PathLike,
     *,
     triangles: int | str | None = None,
@@ -360,7 +360,8 @@ def simplify_file(
 ) -> Report:
     """Simplifies a mesh file of any size into another, in bounded memory; returns the report (docs/report.md).
 
-    Reads PLY, STL, OBJ, GLB and glTF, also compressed; writes all but the last. The output appears whole or not at all.
+    Reads PLY, STL, OBJ, GLB and glTF, also compressed; writes all but the last. Several files, folders and lists
+    (``"@list.txt"``) become one mesh. The output appears whole or not at all.
     After an interruption, Ctrl-C included, the same call continues where it stopped: what is done lies in
     ``OUTPUT.stonecut-job``. Options mean what they mean on the command line (``stonecut simplify --help``); in short:
 
@@ -400,7 +401,7 @@ def simplify_file(
 
 
 def plan(
-    input: PathLike,
+    input: PathLike | Iterable[PathLike],
     output: PathLike,
     *,
     triangles: int | str | None = None,
@@ -429,7 +430,7 @@ def _joined(numbers: str | Iterable[float] | None) -> str | None:
 def _file_words(given: Mapping[str, Any]) -> list[str]:
     rest = dict(given)
     rest.pop("progress", None)
-    words = ["simplify", path("input", rest.pop("input")), path("output", rest.pop("output"))]
+    words = ["simplify", *paths("input", rest.pop("input")), path("output", rest.pop("output"))]
     words += target(rest.pop("triangles"), rest.pop("ratio"), rest.pop("max_error"), rest.pop("grid", None))
     for name in ("temp_dir", "report", "progressive", "seams"):
         if rest.get(name) is not None:

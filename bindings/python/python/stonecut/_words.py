@@ -24,6 +24,13 @@ def path(name: str, value: PathLike) -> str:
     return os.path.join(".", word) if word.startswith("-") else word
 
 
+def paths(name: str, value: PathLike | Iterable[PathLike]) -> list[str]:
+    """One path or several as words."""
+    if isinstance(value, str | os.PathLike) or not isinstance(value, Iterable):
+        return [path(name, value)]
+    return [path(name, item) for item in value]
+
+
 def options(**given: Any) -> list[str]:
     """Options that are not None: ``max_error=2`` becomes ``--max-error=2``, True a flag, False nothing."""
     words: list[str] = []

@@ -1,0 +1,57 @@
+//! The paths of commands that read one mesh and write something: inputs, and last the output.
+
+use crate::io::InputPaths;
+use clap::error::ErrorKind;
+use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
+use std::path::PathBuf;
+
+/// The name of the argument.
+const ID: &str = "paths";
+
+/// Inputs that become one mesh, and the output.
+#[derive(Clone, Debug)]
+pub struct InOut {
+    /// One file or several, folders, lists.
+    pub input: InputPaths,
+    /// The last path.
+    pub output: PathBuf,
+}
+
+impl Args for InOut {
+    fn augment_args(command: Command) -> Command {
+        command.arg(
+            Arg::new(ID)
+                .value_name("INPUT>... <OUTPUT")
+                .required(true)
+                .action(ArgAction::Append)
+                .value_parser(clap::value_parser!(PathBuf))
+                .help("The mesh, and last the path of the result; several files, folders and lists (@list.txt) become one mesh"),
+        )
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for InOut {
+    fn from_arg_matches(matches: &ArgMatches) -> std::result::Result<Self, clap::Error> {
+        let paths = matches.get_many::<PathBuf>(ID).into_iter().flatten();
+        let mut paths: Vec<PathBuf> = paths.cloned().collect();
+        match paths.pop() {
+            Some(output) if !paths.is_empty() => Ok(InOut { input: paths.into(), output }),
+            _ => {
+                let what = "the following required arguments were not provided:\n  <OUTPUT>";
+                Err(clap::Error::raw(ErrorKind::MissingRequiredArgument, what))
+            }
+        }
+    }
+
+    fn update_from_arg_matches(
+        &mut self,
+        matches: &ArgMatches,
+    ) -> std::result::Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}

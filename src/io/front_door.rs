@@ -1,0 +1,26 @@
+//! The front door for meshes: one file, or several that become one.
+
+use super::join::{InputPaths, stage};
+use super::open::open_part;
+use super::open_options::StageOptions;
+use super::{lock, weld};
+use crate::ply::MeshSource;
+use stonecut_system::error::Result;
+
+impl MeshSource {
+    /// Opens any input: a file of any format, `-` for standard input, several files, a folder, a list.
+    ///
+    /// A plain PLY file is opened where it is, like `open_with`, unless it is a range grid; everything else is staged first.
+    /// So is what `StageOptions::weld` joins. Several files are staged as one mesh whose borders are joined.
+    pub fn open_staged(input: impl Into<InputPaths>, options: &StageOptions) -> Result<Self> {
+        let input = input.into();
+        let source = if input.is_one() {
+            weld::weld(open_part(&input, None, options)?, options)?
+        } else {
+            let mut source = stage(&input, options)?;
+            source.place(&options.read.placing)?;
+            weld::join_parts(source, options)?
+        };
+        lock::lock(source, options)
+    }
+}

@@ -1,0 +1,426 @@
+//! Several meshes staged as one PLY: vertices and faces one part after the other, then written again with the union of
+//! their properties and materials.
+//!
+//! One part is open at a time. Disk at peak: twice the joined mesh, and one part. Does not join vertices (`weld`).
+
+use super::looks::Looks;
+use super::schemas::{Union, widest};
+use super::{InputPaths, InputSet, MeshPart};
+use crate::materials::NUMBER;
+use crate::names::NameUse;
+use crate::open::open_part;
+use crate::open_options::StageOptions;
+use crate::ply::header::Encoding;
+use crate::ply::raw::{RawFile, Spool};
+use crate::ply::source::Staged;
+use crate::ply::{FaceSchema, MeshSource, OutputHeader, PartReport, TextureInfo, VertexBlock};
+use crate::restaged::face_rows;
+use std::collections::HashSet;
+use std::path::Path;
+use std::sync::Arc;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::property::{Scalar, read_scalar, write_scalar};
+use stonecut_mesh::record::VertexSchema;
+use stonecut_mesh::vec3::{length_sq, sub};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::losses::{Ledger, Loss, LossKind};
+
+/// A part this many times larger or smaller than most has other units.
+const OTHER_UNITS: f64 = 300.0;
+/// Bytes that are read at once.
+const WINDOW: usize = 1 << 20;
+
+/// Layout of the rows of a part in the spools.
+struct Rows {
+    schema: VertexSchema,
+    faces: FaceSchema,
+    n_vertices: u64,
+    vertex_bytes: u64,
+    face_bytes: u64,
+    /// New numbers of its materials; empty where it has none.
+    numbers: Vec<i32>,
+}
+
+struct Gathered {
+    vertices: Spool,
+    faces: Spool,
+    rows: Vec<Rows>,
+    coordinate: Scalar,
+    of_vertices: Union,
+    of_faces: Union,
+    texture: Option<TextureInfo>,
+    looks: Looks,
+    comments: Option<Vec<String>>,
+    obj_infos: Option<Vec<String>>,
+    formats: HashSet<&'static str>,
+    reports: Vec<PartReport>,
+    boxes: Vec<Bounds>,
+    n_vertices: u64,
+    n_faces: u64,
+    given_bytes: u64,
+    staged: Staged,
+    notes: Ledger,
+}
+
+/// Opens all parts and stages them as one mesh; vertices are not joined yet.
+///
+/// Errors: those of a part, under its name; with `skip_bad` such a part is left out and named.
+pub(crate) fn stage(input: &InputPaths, options: &StageOptions) -> Result<MeshSource> {
+    let set = input.set()?;
+    let mut all = Gathered::new(options);
+    for part in &set.parts {
+        let added = open(part, options).and_then(|source| all.add(part, source, options));
+        match added {
+            Ok(()) => {}
+            Err(error @ Error::BadInput { .. }) if options.read.skip_bad && set.parts.len() > 1 => {
+                let loss = Loss::new(LossKind::Geometry, "files", "left out: cannot be read");
+                // A part of the surface is not there: as with dropped faces, the command ends with 3.
+                all.staged.losses.lose(loss.example(error.to_string()).whole());
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    set.losses.entries().iter().for_each(|loss| all.staged.losses.lose(loss.clone()));
+    all.finish(input, &set, options)
+}
+
+fn open(part: &MeshPart, options: &StageOptions) -> Result<MeshSource> {
+    let mut options = options.clone();
+    let turns_up = options.read.placing.turns_up || part.placing.turns_up;
+    options.read.placing = part.placing.clone();
+    options.read.placing.turns_up = turns_up;
+    if options.read.names == NameUse::Carried {
+        options.read.names = NameUse::GivenUp("not carried from several files");
+    }
+    let source = open_part(&part.path, part.bytes.clone(), &options)?;
+    source.require_faces()?;
+    Ok(source)
+}
+
+impl Gathered {
+    fn new(options: &StageOptions) -> Gathered {
+        Gathered {
+            vertices: options.spool(),
+            faces: options.spool(),
+            rows: Vec::new(),
+            coordinate: Scalar::F32,
+            of_vertices: Union::default(),
+            of_faces: Union::default(),
+            texture: None,
+            looks: Looks::default(),
+            comments: None,
+            obj_infos: None,
+            formats: HashSet::new(),
+            reports: Vec::new(),
+            boxes: Vec::new(),
+            n_vertices: 0,
+            n_faces: 0,
+            given_bytes: 0,
+            staged: Staged::default(),
+            notes: Ledger::default(),
+        }
+    }
+
+    /// Appends a part.
+    fn add(&mut self, part: &MeshPart, source: MeshSource, options: &StageOptions) -> Result<()> {
+        let base = self.n_vertices;
+        // Refuses numbers of more than 32 bits.
+        OutputHeader::new(source.schema().clone(), base + source.n_vertices(), 0).index_type()?;
+        let number = |v: u64| Ok((base + v) as u32);
+        let Some(faces) = face_rows(&source, number, options)? else {
+            let what = "a face of more than 127 corners cannot be joined with other files; convert it first";
+            return Err(Error::bad_input(source.path(), what));
+        };
+        let (vertices, bounds) = vertices_of(&source, options)?;
+        let schema = source.schema().clone();
+        let layout = FaceSchema {
+            texture: source.has_corner_texture(),
+            properties: source.face_properties(),
+        };
+        let numbers = match source.materials() {
+            Some(materials) => self.looks.add(materials)?,
+            None => Vec::new(),
+        };
+        // Nothing fails for a fault of the part from here on.
+        self.coordinate = widest(self.coordinate, schema.coordinate);
+        self.of_vertices.add(&schema.properties);
+        self.of_faces.add(&layout.properties);
+        if let Some(texture) = source.texture().filter(|_| layout.texture) {
+            let own = TextureInfo { files: Vec::new(), property: "texcoord".to_owned() };
+            let files = &mut self.texture.get_or_insert(own).files;
+            for name in texture.files {
+                if !files.contains(&name) {
+                    files.push(name);
+                }
+            }
+        }
+        for (all, own) in [
+            (&mut self.comments, source.plain_comments()),
+            (&mut self.obj_infos, source.obj_infos().to_vec()),
+        ] {
+            // What only some files say is not true of all.
+            match all {
+                Some(all) => all.retain(|line| own.contains(line)),
+                None => *all = Some(own),
+            }
+        }
+        // Tiles of a tree are turned to z upwards, which a glTF file is not.
+        let is_placed = !part.placing.is_none();
+        self.formats.insert(if is_placed { "3D Tiles" } else { source.file_format() });
+        self.given_bytes += source.given_bytes();
+        self.vertices.append_file(&vertices)?;
+        self.faces.append_file(&faces.rows)?;
+        let n_vertices = source.n_vertices();
+        self.n_vertices += n_vertices;
+        self.n_faces += faces.n_faces;
+        self.reports.push(PartReport {
+            path: part.path.display().to_string(),
+            vertices: n_vertices,
+            triangles: source.n_triangles(),
+        });
+        self.boxes.push(bounds);
+        self.rows.push(Rows {
+            schema,
+            faces: layout,
+            n_vertices,
+            vertex_bytes: vertices.len(),
+            face_bytes: faces.rows.len(),
+            numbers,
+        });
+        let faults = source.faults();
+        let all = &mut self.staged.faults;
+        all.bad_vertices += faults.bad_vertices;
+        all.missing_vertices += faults.missing_vertices;
+        all.missing_faces += faults.missing_faces;
+        all.bad_faces += faults.bad_faces + faces.n_bad;
+        self.staged.unreferenced_vertices += source.unreferenced_vertices();
+        self.staged.beside.extend(source.beside().iter().cloned());
+        source.notes().iter().for_each(|note| self.notes.lose(note.clone()));
+        source.losses().entries().iter().for_each(|l| self.staged.losses.lose(l.clone()));
+        Ok(())
+    }
+
+    /// All parts as one file.
+    fn finish(
+        mut self,
+        input: &InputPaths,
+        set: &InputSet,
+        options: &StageOptions,
+    ) -> Result<MeshSource> {
+        if self.rows.is_empty() {
+            return Err(Error::bad_input(&**input, "none of these files can be read"));
+        }
+        let has_materials = self.rows.iter().any(|rows| !rows.numbers.is_empty());
+        if has_materials {
+            self.of_faces.require(NUMBER, Scalar::I32);
+        }
+        let mut remarks = self.of_vertices.lacking("vertices");
+        remarks.extend(self.of_faces.lacking("faces"));
+        remarks.extend(odd_sizes(&self.boxes, &self.reports));
+        if let Some(first) = set.repeated.first() {
+            let n = set.repeated.len();
+            let path = first.display();
+            remarks.push(format!("{path}: named more than once and taken once ({n} such in all)"));
+        }
+        for remark in remarks {
+            self.notes.lose(Loss::remark(remark));
+        }
+        let schema = VertexSchema {
+            coordinate: self.coordinate,
+            properties: self.of_vertices.properties.clone(),
+        };
+        let faces = FaceSchema {
+            texture: self.rows.iter().any(|rows| rows.faces.texture),
+            properties: self.of_faces.properties.clone(),
+        };
+        let header = OutputHeader {
+            comments: self.comments.take().unwrap_or_default(),
+            obj_infos: self.obj_infos.take().unwrap_or_default(),
+            faces: faces.clone(),
+            ..OutputHeader::new(schema, self.n_vertices, self.n_faces)
+        };
+        let path: &Path = input;
+        let mut out = options.spool();
+        let index = header.index_type()?;
+        out.write(header.text_signed(Encoding::BinaryLittleEndian, index, None).as_bytes())?;
+        let mut at = 0;
+        let vertices = std::mem::replace(&mut self.vertices, options.spool()).finish(path)?;
+        for rows in &self.rows {
+            self.put_vertices(rows, &vertices, at, &mut out)?;
+            at += rows.vertex_bytes;
+        }
+        drop(vertices);
+        let number_at = number_place(&faces).filter(|_| has_materials);
+        at = 0;
+        let face_file = std::mem::replace(&mut self.faces, options.spool()).finish(path)?;
+        for rows in &self.rows {
+            let place = number_at.map(|place| (place, &rows.numbers[..]));
+            self.put_faces((rows, &faces, place), (&face_file, at), &mut out)?;
+            at += rows.face_bytes;
+        }
+        drop(face_file);
+        let one_format = (self.formats.len() == 1).then(|| self.formats.iter().next().copied());
+        let texture_names = self.looks.image_names();
+        if let Some(texture) = &mut self.texture
+            && !texture_names.is_empty()
+        {
+            texture.files = texture_names;
+        }
+        let staged = Staged {
+            given_bytes: Some(self.given_bytes),
+            texture: self.texture.filter(|_| faces.texture),
+            materials: self.looks.finish().map(Arc::new),
+            format: Some(one_format.flatten().unwrap_or("several formats")),
+            notes: self.notes.entries().to_vec(),
+            parts: self.reports,
+            ..self.staged
+        };
+        let mut read = options.read.clone();
+        read.temp_dir = Some(options.temp_dir.clone());
+        MeshSource::from_staged(out.finish(path)?, read, staged)
+    }
+
+    /// Writes the vertices of a part.
+    fn put_vertices(&self, rows: &Rows, from: &RawFile, at: u64, out: &mut Spool) -> Result<()> {
+        let (own, to) = (&rows.schema, self.coordinate);
+        let conversion = self.of_vertices.conversion(&own.properties);
+        let n_bytes = own.record_bytes();
+        let wide = VertexSchema { coordinate: to, properties: Vec::new() };
+        let mut row = Vec::new();
+        let mut buffer = vec![0; (WINDOW / n_bytes).max(1) * n_bytes];
+        let end = at + rows.n_vertices * n_bytes as u64;
+        let mut at = at;
+        while at < end {
+            let n = (end - at).min(buffer.len() as u64) as usize;
+            from.read_exact_at(&mut buffer[..n], at)?;
+            at += n as u64;
+            if conversion.is_none() && own.coordinate == to {
+                out.write(&buffer[..n])?;
+                continue;
+            }
+            for record in buffer[..n].chunks_exact(n_bytes) {
+                row.clear();
+                wide.encode_position(own.position(record), &mut row);
+                let values = &record[own.position_bytes()..];
+                match &conversion {
+                    Some(conversion) => conversion.put(values, &mut row),
+                    None => row.extend_from_slice(values),
+                }
+                out.write(&row)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes the faces of a part.
+    fn put_faces(
+        &self,
+        (rows, to, number): (&Rows, &FaceSchema, Option<(usize, &[i32])>),
+        (from, at): (&RawFile, u64),
+        out: &mut Spool,
+    ) -> Result<()> {
+        let conversion = self.of_faces.conversion(&rows.faces.properties);
+        let has_number = rows.faces.properties.iter().any(|p| p.name == NUMBER);
+        let stays = |numbers: &[i32]| {
+            has_number && !numbers.is_empty() && numbers.iter().zip(0..).all(|(n, old)| *n == old)
+        };
+        let is_same = conversion.is_none() && rows.faces.texture == to.texture;
+        let is_copy = is_same && number.is_none_or(|(_, numbers)| stays(numbers));
+        let value_bytes: usize = rows.faces.properties.iter().map(|p| p.scalar.bytes()).sum();
+        let mut buffer = Vec::new();
+        let mut row = Vec::new();
+        let (mut at, end) = (at, at + rows.face_bytes);
+        while at < end || !buffer.is_empty() {
+            let old = buffer.len();
+            let n = (end - at).min(WINDOW as u64) as usize;
+            buffer.resize(old + n, 0);
+            from.read_exact_at(&mut buffer[old..], at)?;
+            at += n as u64;
+            if is_copy {
+                out.write(&buffer)?;
+                buffer.clear();
+                continue;
+            }
+            let mut done = 0;
+            while let Some(&n) = buffer.get(done) {
+                let n = usize::from(n);
+                let texture_bytes = if rows.faces.texture { 1 + 8 * n } else { 0 };
+                let [corners, texture] = [1 + 4 * n, 1 + 4 * n + texture_bytes];
+                let Some(own) = buffer.get(done..done + texture + value_bytes) else { break };
+                done += own.len();
+                row.clear();
+                row.extend_from_slice(&own[..corners]);
+                if rows.faces.texture {
+                    row.extend_from_slice(&own[corners..texture]);
+                } else if to.texture {
+                    row.push(2 * n as u8);
+                    row.resize(row.len() + 8 * n, 0);
+                }
+                let values = row.len();
+                match &conversion {
+                    Some(conversion) => conversion.put(&own[texture..], &mut row),
+                    None => row.extend_from_slice(&own[texture..]),
+                }
+                if let Some((place, numbers)) = number {
+                    let place = values + place;
+                    let old = if has_number { read_scalar(Scalar::I32, &row, place) } else { 0.0 };
+                    let new = numbers.get(old as usize).filter(|_| old >= 0.0);
+                    write_scalar(
+                        Scalar::I32,
+                        &mut row,
+                        place,
+                        f64::from(new.copied().unwrap_or(-1)),
+                    );
+                }
+                out.write(&row)?;
+            }
+            assert!(done > 0 || at < end, "faces are whole rows");
+            buffer.drain(..done);
+        }
+        Ok(())
+    }
+}
+
+/// Place of the number of a material among the values of a face.
+fn number_place(faces: &FaceSchema) -> Option<usize> {
+    let i = faces.properties.iter().position(|p| p.name == NUMBER)?;
+    let before = faces.properties[..i].iter().map(|p| p.scalar.bytes()).sum();
+    (faces.properties[i].scalar == Scalar::I32).then_some(before)
+}
+
+/// The vertices of a part, and their box.
+fn vertices_of(source: &MeshSource, options: &StageOptions) -> Result<(RawFile, Bounds)> {
+    let schema = source.schema();
+    let mut out = options.spool();
+    let (mut bounds, mut block) = (Bounds::EMPTY, VertexBlock::default());
+    for index in 0..source.n_vertex_blocks() {
+        source.read_vertices(index, &mut block)?;
+        let records = block.records.chunks_exact(schema.record_bytes());
+        records.for_each(|record| bounds.add(schema.position(record)));
+        out.write(&block.records)?;
+    }
+    Ok((out.finish(source.path())?, bounds))
+}
+
+/// Lines on parts whose size is not that of the others.
+fn odd_sizes(boxes: &[Bounds], reports: &[PartReport]) -> Vec<String> {
+    let sizes: Vec<f64> = boxes.iter().map(|b| length_sq(sub(b.high, b.low)).sqrt()).collect();
+    let mut sorted = sizes.clone();
+    sorted.sort_by(f64::total_cmp);
+    let middle = sorted[sorted.len() / 2];
+    let is_odd = |size: f64| size > OTHER_UNITS * middle || size * OTHER_UNITS < middle;
+    let odd: Vec<usize> = (0..sizes.len()).filter(|&i| is_odd(sizes[i])).collect();
+    let Some(&first) =
+        odd.first().filter(|_| sizes.len() > 2 && odd.len() * 4 <= sizes.len().max(4))
+    else {
+        return Vec::new();
+    };
+    let more = match odd.len() {
+        1 => String::new(),
+        n => format!(" ({n} such in all)"),
+    };
+    vec![format!(
+        "{}: is {:.3e} across, most files are {middle:.3e}: if its units are others, convert it with --scale first{more}",
+        reports[first].path, sizes[first]
+    )]
+}

@@ -1,0 +1,171 @@
+//! Several files that become one mesh: joined borders, unions of what they carry, and sets that cannot be meant.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use crate::common::{expect, run};
+use serde_json::Value;
+use std::path::Path;
+
+fn info(at: &Path, words: &str) -> Value {
+    let output = run(at, &format!("info --json {words}"));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{words}: {said}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Refuses a mesh that is not one closed piece.
+fn assert_closed(found: &Value, n_triangles: u64, words: &str) {
+    let count = |key: &str| found[key].as_u64().unwrap();
+    let open = [count("components"), count("boundary_edges"), count("non_manifold_edges")];
+    assert_eq!(open, [1, 0, 0], "{words}: {found}");
+    assert_eq!((count("triangles"), count("unreferenced_vertices")), (n_triangles, 0), "{words}");
+}
+
+#[test]
+fn tiles_of_any_format_and_rounding_become_one_closed_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth statue whole.ply --triangles 3000 --seed 3", 0);
+    let n_triangles = info(at, "whole.ply --check")["triangles"].as_u64().unwrap();
+    for (format, round) in
+        [("ply", ""), ("ply", "--round 2"), ("obj", "--round 3"), ("glb", ""), ("stl", "")]
+    {
+        let words = format!(
+            "synth statue tiles --triangles 3000 --seed 3 --tiles 8 --format {format} {round}"
+        );
+        expect(at, &words, 0);
+        let found = info(at, "tiles --check");
+        assert_closed(&found, n_triangles, &words);
+        assert_eq!(found["inputs"].as_array().unwrap().len(), 8);
+        assert!(found["joined"].as_u64().unwrap() > 100, "{found}");
+        std::fs::remove_dir_all(at.join("tiles")).unwrap();
+    }
+}
+
+#[test]
+fn a_set_gives_the_same_bytes_in_any_order_and_with_any_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth statue tiles --triangles 4000 --tiles 8 --format obj --round 3", 0);
+    let names: Vec<String> = (0..8).map(|i| format!("tiles/tile_00{i}.obj")).collect();
+    let turned: Vec<String> = names.iter().rev().cloned().collect();
+    std::fs::write(at.join("list.txt"), turned.join("\n")).unwrap();
+    let twice = format!("{} tiles/../tiles/tile_003.obj", names.join(" "));
+    let mut first = None;
+    for inputs in ["tiles", "@list.txt", &names.join(" "), &turned.join(" "), &twice] {
+        for memory in ["", "--memory 64MiB --threads 1"] {
+            let words =
+                format!("simplify {inputs} out.ply --ratio 20% --force --report r.json {memory}");
+            let said = expect(at, &words, 0);
+            assert!(said.contains("8 files became one mesh"), "{said}");
+            assert_eq!(said.contains("named more than once"), inputs == twice, "{said}");
+            let bytes = std::fs::read(at.join("out.ply")).unwrap();
+            assert_eq!(first.get_or_insert_with(|| bytes.clone()), &bytes, "{words}");
+        }
+    }
+    let report: Value = serde_json::from_slice(&std::fs::read(at.join("r.json")).unwrap()).unwrap();
+    assert_eq!(report["inputs"].as_array().unwrap().len(), 8);
+    assert_closed(
+        &info(at, "out.ply --check"),
+        report["output"]["triangles"].as_u64().unwrap(),
+        "out.ply",
+    );
+    for words in [
+        "convert tiles whole.ply",
+        "measure tiles out.ply --samples 1000",
+        "tiles tiles tree",
+        "render tiles -o picture.png --size 64x64",
+        "plan job tiles planned.ply --ratio 20% --units 2",
+    ] {
+        expect(at, words, 0);
+    }
+    assert_closed(
+        &info(at, "whole.ply --check"),
+        report["input"]["triangles"].as_u64().unwrap(),
+        "whole.ply",
+    );
+    for unit in ["partition/0", "finish/0", "rest/0"] {
+        expect(at, &format!("work job {unit}"), 0);
+    }
+    assert_eq!(first, std::fs::read(at.join("planned.ply")).ok());
+}
+
+#[test]
+fn sets_that_cannot_be_meant_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth statue tiles --triangles 1000 --tiles 4 --format ply", 0);
+    for (words, code, what) in [
+        ("simplify tiles/tile_000.ply no.ply out.ply --ratio 5%", 4, "no.ply"),
+        ("simplify tiles tiles/out.ply --ratio 5%", 2, "whose meshes are the input"),
+        ("simplify tiles/tile_000.ply --ratio 5%", 2, "<OUTPUT>"),
+        ("simplify - tiles/tile_000.ply out.ply --ratio 5%", 2, "standard input"),
+        ("simplify @none.txt out.ply --ratio 5%", 4, "none.txt"),
+    ] {
+        let said = expect(at, words, code);
+        assert!(said.contains(what), "{words}: {said}");
+    }
+    std::fs::write(at.join("tiles/cut.ply"), "ply\nformat ascii 1.0\n").unwrap();
+    let said = expect(at, "simplify tiles out.ply --ratio 50%", 4);
+    assert!(said.contains("cut.ply"), "{said}");
+    let said = expect(at, "simplify tiles out.ply --ratio 50% --skip-bad", 3);
+    assert!(said.contains("cut.ply") && said.contains("left out"), "{said}");
+    std::fs::write(at.join("tiles/other.obj"), "").unwrap();
+    let said = expect(at, "simplify tiles out.ply --ratio 50%", 4);
+    assert!(said.contains("1 .obj, 5 .ply"), "{said}");
+}
+
+#[test]
+fn what_some_files_carry_is_there_and_neutral_elsewhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    // Two squares side by side; each has a property that the other has not.
+    let ply = |name: &str, property: &str, rows: [&str; 4]| {
+        let text = format!(
+            "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+             {property}element face 1\nproperty list uchar int vertex_indices\nend_header\n{}\n4 0 1 2 3\n",
+            rows.join("\n")
+        );
+        std::fs::write(at.join(name), text).unwrap();
+    };
+    let red = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+    ply("a.ply", red, ["0 0 0 9 0 0", "1 0 0 9 0 0", "1 1 0 9 0 0", "0 1 0 9 0 0"]);
+    ply("b.ply", "property float quality\n", ["1 0 0 5", "2 0 0 5", "2 1 0 5", "1 1 0 5"]);
+    let said = expect(at, "convert a.ply b.ply out.ply --format ascii", 0);
+    assert!(said.contains("4 vertices") || said.contains("6 vertices"), "{said}");
+    let text = std::fs::read_to_string(at.join("out.ply")).unwrap();
+    assert!(
+        text.contains("element vertex 6\n") && text.contains("2 0 0 255 255 255 5\n"),
+        "{text}"
+    );
+    assert!(said.contains("red green blue of vertices: 1 of 2 files are without"), "{said}");
+}
+
+#[test]
+fn equal_materials_and_images_of_tiles_are_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    // Three squares in a row; the images of the first two have the same content.
+    for (i, image) in ["same", "same", "other"].into_iter().enumerate() {
+        let tile = at.join(format!("tiles/{i}"));
+        std::fs::create_dir_all(&tile).unwrap();
+        let mut png = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x02\0\0\0\x02\x08\x02\0\0\0".to_vec();
+        png.extend_from_slice(image.as_bytes());
+        std::fs::write(tile.join("photo.png"), png).unwrap();
+        std::fs::write(tile.join("t.mtl"), "newmtl photo\nmap_Kd photo.png\n").unwrap();
+        let x = [i, i + 1];
+        let text = format!(
+            "mtllib t.mtl\nv {0} 0 0\nv {1} 0 0\nv {1} 1 0\nv {0} 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n\
+             usemtl photo\nf 1/1 2/2 3/3 4/4\n",
+            x[0], x[1]
+        );
+        std::fs::write(tile.join("t.obj"), text).unwrap();
+    }
+    let found = info(at, "tiles --check");
+    assert_eq!(found["images"].as_array().unwrap().len(), 2, "{found}");
+    assert_eq!(found["materials"].as_array().unwrap().len(), 2, "{found}");
+    expect(at, "convert tiles out.obj --textures link", 0);
+    let text = std::fs::read_to_string(at.join("out.obj")).unwrap();
+    assert_eq!(text.matches("usemtl").count(), 2, "{text}");
+    assert_eq!((text.matches("\nf ").count(), text.matches("\nv ").count()), (6, 8), "{text}");
+}
