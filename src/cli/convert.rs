@@ -7,9 +7,9 @@
 
 use super::answer::CommandEnd;
 pub use super::converted::Converted;
-use super::converted::write_report;
+use super::converted::{hold, plan, say, write_report};
 pub use super::inputs::InOut;
-use super::log::Said;
+use super::log::{Said, Show};
 use super::session::{Command, Session};
 use crate::error::{Error, Offers, Result};
 use crate::io::ply::{
@@ -25,8 +25,7 @@ use crate::system::losses::{Loss, LossKind};
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
-use crate::system::units::{show_bytes, show_count};
-use std::io::Write;
+use std::io::IsTerminal;
 use std::path::PathBuf;
 
 /// Converts a mesh between formats: PLY, STL, OBJ, GLB and glTF.
@@ -100,36 +99,18 @@ impl Command for Args {
     /// The exit code tells whether broken faces were dropped.
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         let report_to = self.report.as_deref().map(Seen::new);
-        let done = convert_until_stopped(self, session.progress)?;
-        say(self, &done, &mut Said(session.log));
+        let ready = open(self)?;
+        let plan = ready.plan(self)?;
+        session.log.plan(Vec::new(), &plan);
+        let progress = session.progress;
+        let work = || ready.convert(self, progress);
+        // Lines only where they are asked for: most conversions are over in a moment.
+        let shows = session.talk.progress != Show::Auto || std::io::stderr().is_terminal();
+        let done = if shows { session.watch(work) } else { work() }?;
+        say(&self.paths.output, &done, &mut Said(session.log));
         let report =
             write_report(report_to.as_ref(), [&*self.paths.input, &self.paths.output], &done)?;
         CommandEnd::of(&report, done.is_short())
-    }
-}
-
-fn say(args: &Args, done: &Converted, log: &mut Said) {
-    // A closed standard error is not a reason to fail: the mesh is there.
-    let _ = writeln!(
-        log,
-        "{}: {} vertices, {} triangles, {}",
-        args.paths.output.display(),
-        done.n_vertices,
-        done.n_triangles,
-        show_bytes(done.n_bytes)
-    );
-    for (count, what) in [
-        (done.n_degenerate, "degenerate faces dropped"),
-        (done.n_duplicate, "repeated faces dropped"),
-        (done.n_bad, "broken faces or rows dropped"),
-        (done.n_unreferenced, "vertices without a face dropped"),
-    ] {
-        if count > 0 {
-            let _ = writeln!(log, "  {count} {what}");
-        }
-    }
-    for line in done.weld.iter().flat_map(|weld| &weld.notes) {
-        let _ = writeln!(log, "  {line}");
     }
 }
 
@@ -138,10 +119,20 @@ fn say(args: &Args, done: &Converted, log: &mut Said) {
 /// Errors: paths that clash or cannot be used, broken faces without `skip_bad`, a mesh of which no triangle is left.
 pub fn convert(args: &Args) -> Result<Converted> {
     args.paths()?.check()?;
-    convert_until_stopped(args, &Progress::default())
+    open(args)?.convert(args, &Progress::default())
 }
 
-fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> {
+/// An input that is open, and what was decided about it.
+struct Ready {
+    source: MeshSource,
+    texture: bool,
+    textures: Option<TexturePlan>,
+    temp_dir: PathBuf,
+    memory_bytes: u64,
+    recentres: bool,
+}
+
+fn open(args: &Args) -> Result<Ready> {
     let to_stdout = args.paths.output == std::path::Path::new("-");
     let folder = args.temp_dir.clone().unwrap_or_else(|| match to_stdout {
         true => std::env::temp_dir(),
@@ -164,46 +155,67 @@ fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> 
     }
     check_range(&source, &args.paths.output, args.format)?;
     let textures = plan_textures(&source, args)?;
-    // Above 2^32 vertices no output can be written, so there is nothing to look for.
-    let look = !args.keep_duplicates && source.n_vertices() <= 1 << 32;
-    let mut finder = look.then(|| DuplicateFinder::new(&stage.temp_dir, sort_bytes(memory_bytes)));
-    let (inputs, weld) = (source.parts().to_vec(), source.weld().cloned());
-    let mut done = Converted { inputs, weld, ..Converted::default() };
-    let used = if source.n_face_rows() == 0 || args.keep_unreferenced {
-        let mut used = Used::all(source.n_vertices());
-        used.survey(&source, finder.as_mut(), &mut done, progress)?;
-        used
-    } else {
-        let mut used = Used::none(source.n_vertices());
-        used.survey(&source, finder.as_mut(), &mut done, progress)?;
-        used
-    };
-    let duplicates = match finder {
-        Some(finder) => finder.finish()?,
-        None => Duplicates::default(),
-    };
-    done.n_duplicate = duplicates.count();
-    done.n_triangles -= done.n_duplicate;
-    if done.n_triangles == 0 && source.n_face_rows() > 0 {
-        let what = format!(
-            "none of its {} faces has three different corners; nothing was written",
-            source.n_face_rows()
-        );
-        return Err(Error::bad_input(&*args.paths.input, what));
+    let temp_dir = stage.temp_dir;
+    Ok(Ready { source, texture, textures, temp_dir, memory_bytes, recentres })
+}
+
+impl Ready {
+    fn plan(&self, args: &Args) -> Result<serde_json::Value> {
+        let properties = self.source.face_properties();
+        let faces = FaceSchema { texture: self.texture, properties };
+        let images = self.textures.as_ref().map_or(0, |textures| textures.bytes);
+        let format = (args.format.check(&args.paths.output)?, args.format);
+        Ok(plan(&self.source, &faces, images, format))
     }
-    done.losses = source.losses();
-    source.remarks()?.into_iter().for_each(|remark| done.losses.lose(remark));
-    if let Some([x, y, z]) = source.offset().filter(|_| recentres) {
-        let why = format!("{x} {y} {z} was subtracted from all coordinates");
-        done.losses.lose(Loss::new(LossKind::Precision, "places", why).notice());
+
+    fn convert(self, args: &Args, progress: &Progress) -> Result<Converted> {
+        let Ready { source, texture, textures, temp_dir, memory_bytes, recentres } = self;
+        // Above 2^32 vertices no output can be written, so there is nothing to look for.
+        let look = !args.keep_duplicates && source.n_vertices() <= 1 << 32;
+        let mut finder = look.then(|| DuplicateFinder::new(&temp_dir, sort_bytes(memory_bytes)));
+        let (inputs, weld) = (source.parts().to_vec(), source.weld().cloned());
+        let mut done = Converted { inputs, weld, ..Converted::default() };
+        let used = if source.n_face_rows() == 0 || args.keep_unreferenced {
+            let mut used = Used::all(source.n_vertices());
+            used.survey(&source, finder.as_mut(), &mut done, progress)?;
+            used
+        } else {
+            let mut used = Used::none(source.n_vertices());
+            used.survey(&source, finder.as_mut(), &mut done, progress)?;
+            used
+        };
+        let duplicates = match finder {
+            Some(finder) => finder.finish()?,
+            None => Duplicates::default(),
+        };
+        done.n_duplicate = duplicates.count();
+        done.n_triangles -= done.n_duplicate;
+        if done.n_triangles == 0 && source.n_face_rows() > 0 {
+            let what = format!(
+                "none of its {} faces has three different corners; nothing was written",
+                source.n_face_rows()
+            );
+            return Err(Error::bad_input(&*args.paths.input, what));
+        }
+        done.losses = source.losses();
+        source.remarks()?.into_iter().for_each(|remark| done.losses.lose(remark));
+        if let Some([x, y, z]) = source.offset().filter(|_| recentres) {
+            let why = format!("{x} {y} {z} was subtracted from all coordinates");
+            done.losses.lose(Loss::new(LossKind::Precision, "places", why).notice());
+        }
+        let input = ConvertInput {
+            source: &source,
+            duplicates: &duplicates,
+            texture,
+            textures,
+            memory_bytes,
+        };
+        used.write(&input, args, &mut done, progress)?;
+        let faults = source.faults();
+        progress.lose_all(&done.losses);
+        done.n_bad += faults.missing_faces + faults.missing_vertices + faults.bad_faces;
+        Ok(done)
     }
-    let input =
-        ConvertInput { source: &source, duplicates: &duplicates, texture, textures, memory_bytes };
-    used.write(&input, args, &mut done, progress)?;
-    let faults = source.faults();
-    progress.lose_all(&done.losses);
-    done.n_bad += faults.missing_faces + faults.missing_vertices + faults.bad_faces;
-    Ok(done)
 }
 
 /// Looks at every image and decides what becomes of it.
@@ -228,27 +240,9 @@ struct ConvertInput<'a> {
 /// More memory than this makes no sort of triangles faster.
 const MOST_SORT_BYTES: u64 = 64 << 20;
 
-/// Memory for blocks under way and buffers of files.
-const BLOCKS_BYTES: u64 = 24 << 20;
-
 /// Memory for one of the sorts, of which there are at most three at a time.
 fn sort_bytes(memory_bytes: u64) -> usize {
     (memory_bytes / 8).min(MOST_SORT_BYTES) as usize
-}
-
-/// Refuses a mesh whose tables of bits do not fit: a bit and an eighth a vertex, a bit a triangle.
-fn hold(source: &MeshSource, memory_bytes: u64) -> Result<()> {
-    let bits = source.n_vertices() / 8 + source.n_vertices() / 64 + source.n_triangles() / 8;
-    let needed = BLOCKS_BYTES + 2 * bits;
-    if needed <= memory_bytes {
-        return Ok(());
-    }
-    let (path, needed) = (source.path().display(), needed.div_ceil(1 << 20));
-    Err(Error::NoMemory(format!(
-        "{path}: converting its {} triangles takes {needed}MiB, the budget has {}; give --memory {needed}MiB",
-        show_count(source.n_triangles()),
-        show_bytes(memory_bytes)
-    )))
 }
 
 /// The vertices that the output has, and their new ids.
@@ -286,9 +280,11 @@ impl Used {
         progress: &Progress,
     ) -> Result<()> {
         let mut block = FaceBlock::default();
+        progress.begin("survey", 1, 2, source.n_triangles());
         for i in 0..source.n_face_blocks() {
             progress.check()?;
             source.read_faces(i, &mut block)?;
+            progress.add(block.triangles.len() as u64);
             done.n_triangles += block.triangles.len() as u64;
             done.n_degenerate += block.n_degenerate;
             done.n_bad += block.n_bad;
@@ -347,7 +343,12 @@ impl Used {
         let all = done.n_unreferenced == 0;
         let mut block = VertexBlock::default();
         let mut kept = Vec::new();
+        progress.begin("convert", 2, 2, done.n_triangles);
+        // Vertices are half of it.
+        let half = done.n_triangles / 2;
+        let n_blocks = (source.n_vertex_blocks() as u64).max(1);
         for i in 0..source.n_vertex_blocks() {
+            progress.add(half / n_blocks);
             progress.check()?;
             source.read_vertices(i, &mut block)?;
             if all {
@@ -371,6 +372,7 @@ impl Used {
         for i in 0..source.n_face_blocks() {
             progress.check()?;
             source.read_faces(i, &mut block)?;
+            progress.add(block.triangles.len() as u64 / 2);
             if duplicates.count() > 0 {
                 block.triangles.retain(|_| {
                     place += 1;

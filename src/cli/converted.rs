@@ -1,10 +1,14 @@
 //! The outcome of a conversion, for people and for programs.
 
+use super::log::Said;
 use super::outcome::write_json;
-use crate::error::Result;
-use crate::io::ply::{PartReport, WeldReport};
+use crate::error::{Error, Result};
+use crate::io::ply::{FaceSchema, MeshSource, PartReport, VertexBlock, WeldReport};
+use crate::io::{Expected, OutputFormat, OutputKind, expected_bytes};
 use crate::system::losses::Ledger;
 use crate::system::pending_file::Seen;
+use crate::system::units::{show_bytes, show_count};
+use std::io::Write;
 use std::path::Path;
 
 /// Result of a conversion.
@@ -37,6 +41,83 @@ impl Converted {
     pub fn is_short(&self) -> bool {
         self.n_bad > 0 || self.losses.has_whole()
     }
+}
+
+/// Memory for blocks under way and buffers of files.
+const BLOCKS_BYTES: u64 = 24 << 20;
+
+/// Refuses a mesh whose tables of bits do not fit: a bit and an eighth a vertex, a bit a triangle.
+pub(super) fn hold(source: &MeshSource, memory_bytes: u64) -> Result<()> {
+    let bits = source.n_vertices() / 8 + source.n_vertices() / 64 + source.n_triangles() / 8;
+    let needed = BLOCKS_BYTES + 2 * bits;
+    if needed <= memory_bytes {
+        return Ok(());
+    }
+    let (path, needed) = (source.path().display(), needed.div_ceil(1 << 20));
+    Err(Error::NoMemory(format!(
+        "{path}: converting its {} triangles takes {needed}MiB, the budget has {}; give --memory {needed}MiB",
+        show_count(source.n_triangles()),
+        show_bytes(memory_bytes)
+    )))
+}
+
+/// Says what was done.
+pub(super) fn say(output: &Path, done: &Converted, log: &mut Said) {
+    // A closed standard error is not a reason to fail: the mesh is there.
+    let _ = writeln!(
+        log,
+        "{}: {} vertices, {} triangles, {}",
+        output.display(),
+        done.n_vertices,
+        done.n_triangles,
+        show_bytes(done.n_bytes)
+    );
+    for (count, what) in [
+        (done.n_degenerate, "degenerate faces dropped"),
+        (done.n_duplicate, "repeated faces dropped"),
+        (done.n_bad, "broken faces or rows dropped"),
+        (done.n_unreferenced, "vertices without a face dropped"),
+    ] {
+        if count > 0 {
+            let _ = writeln!(log, "  {count} {what}");
+        }
+    }
+    for line in done.weld.iter().flat_map(|weld| &weld.notes) {
+        let _ = writeln!(log, "  {line}");
+    }
+}
+
+/// Triangles that are written in a second, about.
+const TRIANGLES_PER_SECOND: f64 = 4e6;
+
+/// Forecast of a conversion that drops nothing, with images of this many bytes.
+pub(super) fn plan(
+    source: &MeshSource,
+    faces: &FaceSchema,
+    image_bytes: u64,
+    (kind, format): (OutputKind, OutputFormat),
+) -> serde_json::Value {
+    let mut block = VertexBlock::default();
+    // A fault is told when it is met on the way.
+    if source.n_vertices() > 0
+        && source.read_vertices(source.n_vertex_blocks() / 2, &mut block).is_err()
+    {
+        block = VertexBlock::default();
+    }
+    let expected = Expected {
+        schema: source.schema(),
+        faces,
+        n_vertices: source.n_vertices(),
+        n_faces: source.n_triangles(),
+        sample: &block.records,
+    };
+    let (bytes, spool_bytes) = expected_bytes(&expected, kind, format);
+    serde_json::json!({
+        "triangles_in": source.n_triangles(),
+        "output_bytes": bytes + image_bytes,
+        "temp_bytes": spool_bytes,
+        "seconds": source.n_triangles() as f64 / TRIANGLES_PER_SECOND,
+    })
 }
 
 /// The report as JSON, written where that was asked for.

@@ -10,6 +10,7 @@ use crate::measure::appearance::{
     self, Appearance, DEFAULT_VIEWS, Likeness, MOST_VIEWS, Settings, WorstView,
 };
 use crate::measure::compare::{self, CELL_TRIANGLES, Report, Request};
+use crate::measure::plan::MeasurePlan;
 use crate::measure::{
     self, Certificate, Certify, LEAST_TOLERANCE, On, Options, Region, Side, TriangleSizes, heatmap,
 };
@@ -239,6 +240,9 @@ fn report(args: &Args, session: &mut Session) -> Result<Report> {
         temp_dir: temp_dir.clone(),
         heat: args.heatmap.is_some() && args.heatmap_of == Which::Simplified,
     };
+    let plan = MeasurePlan::new(&request);
+    session.log.plan(Vec::new(), &plan);
+    progress.expect(plan.seconds);
     let comparison = session.watch(|| compare::compare(&request, progress))?;
     // Its memory is for the heatmap and the pictures now.
     request.options.region = None;

@@ -146,16 +146,16 @@ impl Report {
 pub const CELL_TRIANGLES: u64 = DEFAULT_CELL_TRIANGLES;
 
 /// Bytes of the budget that are taken before a mesh is read: those of the program and of the region.
-fn taken_bytes(request: &Request) -> u64 {
+pub(crate) fn taken_bytes(request: &Request) -> u64 {
     BASE_BYTES + request.options.region.as_ref().map_or(0, Region::bytes)
 }
 
 /// Bytes of the budget that are left for meshes.
-fn usable_bytes(request: &Request) -> u64 {
+pub(crate) fn usable_bytes(request: &Request) -> u64 {
     request.memory_bytes.saturating_sub(taken_bytes(request))
 }
 
-fn whole_bytes(request: &Request) -> u64 {
+pub(crate) fn whole_bytes(request: &Request) -> u64 {
     let has_region = request.options.region.is_some();
     bytes_as_whole([request.original, request.simplified], request.options.samples, has_region)
 }
@@ -209,6 +209,11 @@ fn enough(request: &Request, needed: u64) -> String {
     memory_word(most + taken_bytes(request))
 }
 
+/// Memory of the simplified mesh as a whole.
+pub(crate) fn simplified_bytes(request: &Request) -> u64 {
+    load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_triangles())
+}
+
 /// Compares two meshes within the memory budget, from which the region of the options is taken, too.
 ///
 /// Errors: those of reading; `NoMemory` where not even one cell fits the budget.
@@ -231,7 +236,7 @@ pub fn within(request: &Request, bound: f64, progress: &Progress) -> Result<Verd
     let meshes = [request.original, request.simplified].map(load::bytes_in_memory);
     let largest = request.original.n_triangles().max(request.simplified.n_triangles());
     let load = |source: &MeshSource| load::load(source, threads, progress).map(|mesh| mesh.mesh);
-    let second_bytes = meshes[1] + Tree::bytes(request.simplified.n_triangles());
+    let second_bytes = simplified_bytes(request);
     progress.begin("measure", 1, 3, largest);
     if meshes[0] + meshes[1] + Tree::bytes(largest) <= usable {
         let both = [load(request.original)?, load(request.simplified)?];
@@ -330,8 +335,7 @@ fn with_original(
     let first = parts(original, request.original);
     let temp_bytes = original.store().info().pack_bytes();
     let degenerate = original.partition().degenerate_faces;
-    let whole =
-        load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_triangles());
+    let whole = simplified_bytes(request);
     if whole <= usable / 3 {
         let simplified = load::load(request.simplified, options.threads, progress)?;
         let second = Parts::in_memory(&simplified.mesh, simplified.colours);
@@ -398,8 +402,7 @@ fn run(
 /// Writes the original, of any size, coloured by its distance to the simplified mesh, which must fit.
 pub fn heatmap_of_original(request: &Request, to: &Seen, progress: &Progress) -> Result<()> {
     let usable = usable_bytes(request);
-    let needed =
-        load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_triangles());
+    let needed = simplified_bytes(request);
     if needed > usable {
         return Err(Error::NoMemory(format!(
             "the simplified mesh needs {} to colour the original by; give --memory {}",

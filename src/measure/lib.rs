@@ -23,6 +23,7 @@ pub mod load;
 mod nearest_in_cells;
 mod out_of_core;
 mod parts;
+pub mod plan;
 pub mod region;
 pub mod sample;
 mod side;

@@ -9,6 +9,7 @@ mod empty;
 mod exit_codes;
 mod pages;
 mod paths;
+mod plans;
 mod report;
 mod report_schema;
 mod serve;

@@ -110,7 +110,8 @@ impl MethodPlan {
             position_memory_bytes,
             holds_all_positions: need.all_positions <= position_memory_bytes,
             needed_memory_bytes: needed,
-            temp_bytes: MANIFEST_BYTES + verifying,
+            // The output counts until it has its name.
+            temp_bytes: MANIFEST_BYTES + verifying + output_bytes,
             output_bytes,
             spool_bytes,
             seconds: triangles_in as f64 / per_second,
@@ -122,9 +123,9 @@ impl MethodPlan {
         let written = self.output_bytes + self.spool_bytes;
         check_space(
             (&config.output, &config.job_folder),
-            self.temp_bytes,
+            self.temp_bytes - self.output_bytes,
             written,
-            self.temp_bytes + written,
+            self.temp_bytes + self.spool_bytes,
             config.job.min_free_bytes,
         )
     }
