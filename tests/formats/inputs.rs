@@ -169,3 +169,55 @@ fn equal_materials_and_images_of_tiles_are_one() {
     assert_eq!(text.matches("usemtl").count(), 2, "{text}");
     assert_eq!((text.matches("\nf ").count(), text.matches("\nv ").count()), (6, 8), "{text}");
 }
+
+/// A GLB as a batched mesh whose coordinates count from a place.
+fn batched(glb: &[u8], center: [f64; 3]) -> Vec<u8> {
+    let mut table = serde_json::json!({ "BATCH_LENGTH": 0, "RTC_CENTER": center }).to_string();
+    while table.len() % 8 != 4 {
+        table.push(' ');
+    }
+    let mut out = b"b3dm".to_vec();
+    for n in [1, 28 + table.len() + glb.len(), table.len(), 0, 0, 0] {
+        out.extend((n as u32).to_le_bytes());
+    }
+    out.extend(table.as_bytes());
+    out.extend(glb);
+    out
+}
+
+#[test]
+fn trees_of_tiles_become_one_mesh_in_their_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    // A tree of several levels: the finest tiles are the mesh, where it was.
+    expect(at, "synth statue whole.ply --triangles 2000", 0);
+    let n_triangles = info(at, "whole.ply")["triangles"].as_u64().unwrap();
+    expect(at, "tiles whole.ply own --tile-triangles 500", 0);
+    expect(at, "convert own/tileset.json own.ply --weld auto", 0);
+    assert_closed(&info(at, "own.ply --check"), n_triangles, "own");
+    // Batched meshes at the earth's centre, and points, which are named.
+    let far = [4_278_000.0, 636_000.0, 4_672_000.0];
+    expect(at, "synth statue glb --triangles 1000 --tiles 4 --format glb", 0);
+    std::fs::create_dir(at.join("b3dm")).unwrap();
+    let mut tiles = Vec::new();
+    for n in 0..4 {
+        let glb = std::fs::read(at.join(format!("glb/tile_00{n}.glb"))).unwrap();
+        let name = format!("{n}.b3dm");
+        std::fs::write(at.join("b3dm").join(&name), batched(&glb, far)).unwrap();
+        tiles.push(serde_json::json!({ "geometricError": 0, "content": { "uri": name } }));
+    }
+    let mut points = b"pnts".to_vec();
+    [1u32, 28, 0, 0, 0, 0].iter().for_each(|n| points.extend(n.to_le_bytes()));
+    std::fs::write(at.join("b3dm/p.pnts"), points).unwrap();
+    tiles.push(serde_json::json!({ "geometricError": 0, "content": { "uri": "p.pnts" } }));
+    let set = serde_json::json!({ "asset": { "version": "1.0" }, "geometricError": 9,
+        "root": { "refine": "ADD", "geometricError": 8, "children": tiles } });
+    std::fs::write(at.join("b3dm/tileset.json"), set.to_string()).unwrap();
+    let said = expect(at, "convert b3dm earth.ply --weld auto", 0);
+    assert!(said.contains("pnts"), "{said}");
+    let found = info(at, "earth.ply --check");
+    assert_closed(&found, info(at, "glb --check")["triangles"].as_u64().unwrap(), "earth");
+    assert_eq!(found["coordinate_bits"], 64, "places of the earth take doubles");
+    std::fs::remove_file(at.join("b3dm/2.b3dm")).unwrap();
+    assert!(expect(at, "convert b3dm less.ply", 4).contains("2.b3dm"));
+}

@@ -52,9 +52,7 @@ impl TreeFolder {
             Ok(real) => real,
             // Outside or not there: the words of the first do for an address that climbs.
             Err(_) if name.split('/').any(|step| step == "..") => return Err(bad(FETCH)),
-            Err(e) => {
-                return Err(Error::reading(path, "cannot read a file that the tree names", e));
-            }
+            Err(e) => return Err(bad(&format!("cannot be read ({e}); fetch the tree whole"))),
         };
         if !real.starts_with(&self.home) {
             return Err(bad(FETCH));
