@@ -10,7 +10,7 @@ use crate::io::ply::{FaceBlock, MeshSource, Place, VertexBlock};
 use crate::mesh::Mesh;
 use crate::render::{
     Coloring, Direction, Lighting, Picture, Resources, Scale, Sphere, View, aim_source, has_images,
-    hold, render_mesh, render_source, top_of,
+    hold, hold_images, render_mesh, render_source, top_of,
 };
 use crate::system::disk::folder_of;
 use crate::system::paths::{Paths, Role};
@@ -154,11 +154,24 @@ pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)
     let memory_bytes = memory_budget(args.memory);
     let threads = super::arguments::threads(args.threads).get();
     let resources = Resources { memory_bytes, threads };
-    hold(&view, resources)?;
+    let held = hold(&view, resources);
     let temp_dir = match args.output == Path::new("-") {
         true => Path::new("."),
         false => folder_of(&args.output),
     };
+    if held.is_err() {
+        // Images may want more; what is named has to do.
+        let of_images = args.mesh.iter().map(|path| {
+            let source = super::arguments::open_mesh(path, temp_dir, args.memory)?;
+            hold_images(
+                &source,
+                &View { coloring: coloring(args, &source), ..view.clone() },
+                resources,
+            )
+        });
+        return Err(Error::first_of(std::iter::once(held).chain(of_images))
+            .expect_err("the first is an error"));
+    }
     if let Some(property) = args.color_by.as_ref().filter(|property| *property != TEXTURE) {
         let mut top = 0f64;
         for path in &args.mesh {
@@ -177,11 +190,7 @@ pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)
         if args.mesh.len() > 1 && !args.own_camera && view.aim.is_none() {
             view.aim = Some(aim_source(&source, &view, resources, progress)?);
         }
-        let is_free = args.color.is_none() && args.color_by.is_none();
-        if is_free {
-            let is_textured = args.quadrics == 0 && has_images(&source);
-            view.coloring = if is_textured { Coloring::Texture } else { Coloring::Plain };
-        }
+        view.coloring = coloring(args, &source);
         if args.quadrics > 0 {
             hold_whole(&source, memory_bytes)?;
         }
@@ -194,6 +203,13 @@ pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)
     let captions = args.caption.iter().map(String::as_str).chain(std::iter::repeat(""));
     let parts: Vec<(&Picture, &str)> = pictures.iter().zip(captions).collect();
     Ok((Picture::side_by_side(&parts), n_triangles))
+}
+
+/// The paint of a mesh: what was typed, or that of its images.
+fn coloring(args: &Args, source: &MeshSource) -> Coloring {
+    let is_free = args.color.is_none() && args.color_by.is_none();
+    let is_textured = args.quadrics == 0 && has_images(source);
+    if is_free && is_textured { Coloring::Texture } else { args.view().coloring }
 }
 
 /// Bytes of a vertex and of a triangle of a mesh in memory, with the quadrics of its vertices and the picture's own copies.

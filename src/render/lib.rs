@@ -24,7 +24,7 @@ mod view;
 
 pub use legend::top_of;
 pub use picture::{Letters, Picture, text_width};
-pub use shots::{Shot, aims_around, has_images, has_looks, least_bytes, shots};
+pub use shots::{Shot, aims_around, has_images, has_looks, hold_images, least_bytes, shots};
 pub use view::{Aim, Coloring, Direction, Lighting, Resources, Scale, Sphere, View};
 
 use draw::{aim, draw, free_bytes};

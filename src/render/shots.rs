@@ -77,6 +77,12 @@ pub fn least_bytes(source: &MeshSource, view: &View) -> Result<u64> {
     Ok(draw::least_bytes(view)? + looks_bytes(&palette))
 }
 
+/// Refuses a picture of a file that the memory does not hold with the images that are decoded for it.
+pub fn hold_images(source: &MeshSource, view: &View, resources: Resources) -> Result<()> {
+    let (palette, _) = looks(source, std::slice::from_ref(view));
+    free_bytes(view, looks_bytes(&palette), resources).map(drop)
+}
+
 /// Cameras evenly around a file, all at the distance at which they see the sphere around its bounding box.
 ///
 /// Each is the `n`-th of a circle turned by the golden angle, from above to below.

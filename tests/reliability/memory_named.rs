@@ -211,6 +211,7 @@ fn decoded_images_are_counted() {
     let mut text = "mtllib q.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n".to_owned();
     text += "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n";
     std::fs::write(at.join("q.obj"), text).unwrap();
+    is_enough(at, "render q.obj -o p.png --size 100x100 --force", "8MiB");
     // Pixels with their halves, and the pixels that the decoder gives.
     let image_mib = ((4.0 * 4.0 / 3.0 + 4.0) * (side * side) as f64) as u64 >> 20;
     for (command, least_mib) in [
