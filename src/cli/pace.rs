@@ -10,6 +10,8 @@ const ASSUMED_PACE: f64 = 0.375e-6;
 /// Weight of the plan against measurements: as much as this share of a run, or of a stage, that was measured. Where a stage shows itself to be much
 /// slower than expected, that counts for less.
 const EXPECTED_SHARE: f64 = 0.1;
+/// Never for less than this part of it: the first count of a stage comes late and is small.
+const LEAST_TRUST: f64 = 0.4;
 /// Something is always left while the work goes on: this share of the stage's time so far, and this many seconds.
 const LEAST_LEFT: f64 = 0.05;
 const LEAST_SECONDS_LEFT: f64 = 0.1;
@@ -186,7 +188,7 @@ impl Pace {
         let of_stage = pace(over, self.weight_done) * own_weight;
         let share = self.counted.saturating_sub(self.given) as f64 / all.max(1.0);
         let measured = since(self.part_started, self.counted_at);
-        let slower = (share * of_stage / measured.max(1e-9)).min(1.0);
+        let slower = (share * of_stage / measured.max(1e-9)).clamp(LEAST_TRUST, 1.0);
         let trust = EXPECTED_SHARE * if share > 0.0 { slower } else { 1.0 };
         let whole = (trust * of_stage + measured) / (trust + share).max(1e-9);
         // Since the last count some of what is left has been done.
