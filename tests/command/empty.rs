@@ -219,7 +219,8 @@ fn advice_is_given_only_where_it_helps() {
     assert_eq!(output.status.code(), Some(5), "{said}");
     assert!(said.contains("standard output") && !said.contains("--temp-dir"), "{said}");
     assert!(!said.contains("continue"), "{said}");
-    let said = expect(at, "simplify . o.ply --ratio 50%", 4);
+    std::fs::create_dir(at.join("empty")).unwrap();
+    let said = expect(at, "simplify empty o.ply --ratio 50%", 4);
     assert!(said.contains("folder") && !said.contains("pipe it in"), "{said}");
 }
 
