@@ -346,7 +346,7 @@ impl Used {
         progress.begin("convert", 2, 2, done.n_triangles);
         // Vertices are half of it.
         let half = done.n_triangles / 2;
-        let n_blocks = (source.n_vertex_blocks() as u64).max(1);
+        let n_blocks = source.n_vertex_blocks().max(1);
         for i in 0..source.n_vertex_blocks() {
             progress.add(half / n_blocks);
             progress.check()?;

@@ -106,7 +106,7 @@ fn a_coordinate_reference_system_puts_a_tree_on_the_earth() {
     std::fs::write(folder.join("near/tiles/local.ply"), mesh([0.0; 3])).unwrap();
     std::fs::write(folder.join("near/metadata.xml"), xml).unwrap();
     // 500401 4600202 102 by PROJ 9.5.1.
-    let wanted = [4_617_133.909, 1_237_572.6208, 4_208_686.9829];
+    let wanted = [4_617_133.909, 1_237_572.620_8, 4_208_686.982_9];
     for (words, from) in [
         ("far/utm.ply t --crs EPSG:32633", utm),
         ("far/utm.ply t --crs 32633 --recentre", [1.0, 2.0, 2.0]),

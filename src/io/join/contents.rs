@@ -234,7 +234,7 @@ impl ContentFile<'_> {
                 return Err(self.file.bad("RTC_CENTER is not finite"));
             }
         }
-        if (mesh == full && batches > 0) || mesh != full {
+        if mesh != full || batches > 0 {
             let loss = Loss::new(LossKind::Attributes, "tables of batches (b3dm)", "not carried");
             set.losses.lose(loss.notice());
         }

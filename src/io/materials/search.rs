@@ -291,7 +291,7 @@ fn list_below(top: &Path) -> HashMap<String, Below> {
             n_files += 1;
             let new = Below { path: folder.join(own), is_likely, n: 1 };
             match out.get_mut(&name) {
-                Some(known) if known.is_likely > is_likely => {}
+                Some(known) if known.is_likely && !is_likely => {}
                 Some(known) if known.is_likely == is_likely => known.n += 1,
                 _ => drop(out.insert(name, new)),
             }

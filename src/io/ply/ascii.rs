@@ -294,8 +294,9 @@ mod tests {
         }
         // Halves of steps between floats, and their neighbours in the last digit.
         for _ in 0..20_000 {
-            let float =
-                f32::from_bits(next(1 << 30) as u32 % (1 << 23) | ((120 + next(24) as u32) << 23));
+            let float = f32::from_bits(
+                (next(1 << 30) as u32 % (1 << 23)) | ((120 + next(24) as u32) << 23),
+            );
             let middle = (f64::from(float) + f64::from(f32::from_bits(float.to_bits() + 1))) / 2.0;
             check(&format!("{middle}"));
             (5..15).for_each(|places| check(&format!("{middle:.places$}")));
