@@ -26,8 +26,9 @@ const SHARE_OF_EDGE: f64 = 0.05;
 const ASKED_SHARE_OF_EDGE: f64 = 0.1;
 /// The same of borders of parts, whose copies are known to be rounded; a share of the shorter edges.
 const PARTS_SHARE_OF_EDGE: f64 = 0.25;
-/// Of copies that are rounded to steps at random the farthest are 1.6 times as far apart as 95 % are.
-const PARTS_SPREAD: f64 = 2.0;
+/// Of copies that are rounded to steps at random the farthest are 1.6 times as far apart as 95 % are; files have steps of their own
+/// besides, as large as their boxes make them.
+const PARTS_SPREAD: f64 = 4.0;
 /// Vertices in the sample, about, and in one cell at most.
 const SAMPLE: u64 = 1 << 16;
 const MOST_IN_CELL: usize = 512;
@@ -154,7 +155,7 @@ pub(super) fn of_parts(source: &MeshSource, how: Weld) -> Result<Found> {
             let mut near: Vec<f64> =
                 sample.nearest(0.5 * limit).into_iter().map(|(_, d)| d).collect();
             near.sort_by(f64::total_cmp);
-            let far = near.get(near.len() * 95 / 100).copied().unwrap_or(0.0);
+            let far = near.get(near.len() * 98 / 100).copied().unwrap_or(0.0);
             let of_type = 4.0 * source.schema().rounding() * largest(&found.bounds);
             (PARTS_SPREAD * far).max(of_type).min(limit)
         }
