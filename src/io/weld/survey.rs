@@ -26,7 +26,7 @@ const SHARE_OF_EDGE: f64 = 0.05;
 const ASKED_SHARE_OF_EDGE: f64 = 0.1;
 /// The same of borders of parts, whose copies are known to be rounded; a share of the shorter edges.
 const PARTS_SHARE_OF_EDGE: f64 = 0.25;
-/// Of copies that are rounded to steps at random the farthest are 1.6 times as far apart as 95 % are; files have steps of their own
+/// Of copies that are rounded to steps at random the farthest are 1.6 times as far apart as 95 % are; files have their own steps
 /// besides, as large as their boxes make them.
 const PARTS_SPREAD: f64 = 4.0;
 /// Vertices in the sample, about, and in one cell at most.
