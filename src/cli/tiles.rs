@@ -9,7 +9,7 @@ use super::placing::{TypedMoves, TypedTransform, Up, numbers, parse_transform};
 use super::session::{Command, Session};
 use crate::error::{Offers, Result};
 use crate::io::Weld;
-use crate::io::globe::Crs;
+use crate::io::globe::{Crs, from_centre};
 use crate::io::sidecars::Georeference;
 use crate::mesh::placing::Placing;
 use crate::pipeline::tiles::report::TilesReport;
@@ -168,13 +168,11 @@ fn parse_crs(text: &str) -> std::result::Result<TypedCrs, String> {
 }
 
 /// From east, north and up at a place of the earth to its centre (WGS 84); by columns.
-fn east_north_up(Geo([latitude, longitude, height]): Geo) -> [f64; 16] {
-    let (axis, flattening) = (6_378_137.0, 1.0 / 298.257_223_563);
+fn east_north_up(Geo(place): Geo) -> [f64; 16] {
+    let [latitude, longitude, _] = place;
     let (sin_lat, cos_lat) = latitude.to_radians().sin_cos();
     let (sin_lon, cos_lon) = longitude.to_radians().sin_cos();
-    let off = flattening * (2.0 - flattening);
-    let normal = axis / (1.0 - off * sin_lat * sin_lat).sqrt();
-    let around = (normal + height) * cos_lat;
+    let [x, y, z] = from_centre(place);
     [
         -sin_lon,
         cos_lon,
@@ -188,9 +186,9 @@ fn east_north_up(Geo([latitude, longitude, height]): Geo) -> [f64; 16] {
         cos_lat * sin_lon,
         sin_lat,
         0.0,
-        around * cos_lon,
-        around * sin_lon,
-        (normal * (1.0 - off) + height) * sin_lat,
+        x,
+        y,
+        z,
         1.0,
     ]
 }

@@ -170,7 +170,7 @@ pub fn code_of(text: &str) -> Option<u16> {
 }
 
 /// From latitude, longitude in degrees and height on WGS 84 to the earth's centre.
-fn from_centre([latitude, longitude, height]: [f64; 3]) -> [f64; 3] {
+pub fn from_centre([latitude, longitude, height]: [f64; 3]) -> [f64; 3] {
     let (axis, flattening) = (6_378_137.0, 1.0 / 298.257_223_563);
     let (sin_lat, cos_lat) = f64::sin_cos(f64::to_radians(latitude));
     let (sin_lon, cos_lon) = f64::sin_cos(f64::to_radians(longitude));

@@ -115,6 +115,22 @@ fn sets_that_cannot_be_meant_are_refused_by_name() {
     assert!(said.contains("1 .obj, 5 .ply"), "{said}");
 }
 
+/// Parts that were recentred one by one do not fit together as they are.
+#[test]
+fn files_that_count_from_different_places_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::create_dir(at.join("t")).unwrap();
+    for (name, x) in [("a", 5_000_000), ("b", 9_000_000)] {
+        let text = format!("v {x} 0 0\nv {} 0 0\nv {x} 1 0\nf 1 2 3\n", x + 1);
+        std::fs::write(at.join(format!("{name}.obj")), text).unwrap();
+        expect(at, &format!("convert {name}.obj t/{name}.ply --recentre"), 0);
+    }
+    let said = expect(at, "convert t out.ply", 4);
+    assert!(said.contains("b.ply") && said.contains("another place"), "{said}");
+    expect(at, "convert a.obj b.obj out.ply", 0);
+}
+
 #[test]
 fn what_some_files_carry_is_there_and_neutral_elsewhere() {
     let folder = tempfile::tempdir().unwrap();

@@ -55,6 +55,8 @@ struct Gathered {
     formats: HashSet<&'static str>,
     reports: Vec<PartReport>,
     boxes: Vec<Bounds>,
+    /// Offset that the first file names, if it does; `None` before there is one.
+    offset: Option<Option<[f64; 3]>>,
     n_vertices: u64,
     n_faces: u64,
     given_bytes: u64,
@@ -113,6 +115,7 @@ impl Gathered {
             formats: HashSet::new(),
             reports: Vec::new(),
             boxes: Vec::new(),
+            offset: None,
             n_vertices: 0,
             n_faces: 0,
             given_bytes: 0,
@@ -123,6 +126,18 @@ impl Gathered {
 
     /// Appends a part.
     fn add(&mut self, part: &MeshPart, source: MeshSource, options: &StageOptions) -> Result<()> {
+        let offset = source.offset();
+        if *self.offset.get_or_insert(offset) != offset {
+            let words =
+                |offset: Option<[f64; 3]>| offset.map_or("none".to_owned(), |o| format!("{o:?}"));
+            let what = format!(
+                "its coordinates count from another place than those of the files before it (offset {}, not {}); \
+                 write it again without --recentre, or with --translate",
+                words(offset),
+                words(self.offset.flatten())
+            );
+            return Err(Error::bad_input(source.path(), what));
+        }
         let base = self.n_vertices;
         // Refuses numbers of more than 32 bits.
         OutputHeader::new(source.schema().clone(), base + source.n_vertices(), 0).index_type()?;
