@@ -12,7 +12,8 @@ use stonecut::measure::load::load;
 use stonecut::synth::{Cut, Kind, Rounding, Settings, Writing, mesh, write_ply, write_tiles};
 use stonecut::system::progress::Progress;
 
-const ALL: [Kind; 5] = [Kind::Terrain, Kind::Statue, Kind::Gyroid, Kind::Scans, Kind::Volume];
+const ALL: [Kind; 6] =
+    [Kind::Terrain, Kind::Statue, Kind::Gyroid, Kind::Scans, Kind::Volume, Kind::Foam];
 
 const KEEP: Writing = Writing { threads: 2, force: false, format: FORMAT };
 const FORMAT: OutputFormat =
@@ -303,6 +304,63 @@ fn rooms_are_charts_that_join_where_they_touch() {
         assert!(joined.components < apart.components / 2, "{joined:?}: walls, furniture, crumbs");
         assert!(joined.boundary_edges > 300, "doors and holes");
         assert_eq!(joined.inconsistent_edges, 0);
+    }
+}
+
+#[test]
+fn every_region_of_a_foam_is_closed_and_has_its_volume() {
+    for n in [1, 5000, 100_000] {
+        for shuffle in [false, true] {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("foam.ply");
+            let settings = Settings { shuffle, ..settings(Kind::Foam, n) };
+            let counts = write_ply(&path, &settings, KEEP, &Progress::default()).unwrap();
+            assert!((n..n + n / 4 + 200).contains(&counts.n_triangles), "{n}: {counts:?}");
+            let foam = mesh(&settings).unwrap();
+            let stage = StageOptions::new(folder.path().to_path_buf());
+            let source = MeshSource::open_staged(path, &stage).unwrap();
+            let mut labels: Vec<[u32; 2]> = Vec::new();
+            let mut add = |values: &[u8]| {
+                let value = |at: usize| u32::from_le_bytes(values[at..at + 4].try_into().unwrap());
+                labels.push([value(0), value(4)]);
+            };
+            source
+                .each_full_face(|_, face| {
+                    add(&face.values);
+                    Ok(())
+                })
+                .unwrap();
+            assert_eq!(labels.len(), foam.triangles.len());
+            let whole = topology(&foam);
+            assert_eq!((whole.boundary_edges, whole.inconsistent_edges), (0, 0), "{whole:?}");
+            assert_eq!((whole.degenerate, whole.unreferenced, whole.components), (0, 0, 1));
+            // Each wall once, its faces turned away from the outside.
+            let mut faces: Vec<[u32; 3]> = foam.triangles.clone();
+            faces.iter_mut().for_each(|face| face.sort_unstable());
+            faces.sort_unstable();
+            assert!(faces.windows(2).all(|pair| pair[0] != pair[1]));
+            assert!(labels.iter().all(|[left, right]| *left != 0 && left != right));
+            let n_regions = labels.iter().flatten().copied().max().unwrap();
+            let mut three = 0;
+            for region in 0..=n_regions {
+                let mut own = Mesh { triangles: Vec::new(), ..foam.clone() };
+                for (&[a, b, c], [left, right]) in foam.triangles.iter().zip(&labels) {
+                    own.triangles.extend((*left == region).then_some([a, b, c]));
+                    own.triangles.extend((*right == region).then_some([a, c, b]));
+                }
+                let found = topology(&own);
+                let faults =
+                    found.boundary_edges + found.non_manifold_edges + found.inconsistent_edges;
+                assert_eq!((faults, found.euler, found.components), (0, 2, 1), "region {region}");
+                let (volume, exact) = (volume6(&own) / 6.0, 4.0);
+                let exact = if region == 0 { -exact * f64::from(n_regions) } else { exact };
+                let tolerance = if n < 5000 { 0.3 } else { 0.02 };
+                assert!((volume / exact - 1.0).abs() < tolerance, "region {region}: {volume}");
+                three += own.triangles.len();
+            }
+            assert_eq!(three, 2 * foam.triangles.len());
+            assert!(whole.non_manifold_edges > 5);
+        }
     }
 }
 

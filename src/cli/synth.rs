@@ -16,7 +16,7 @@ use std::path::PathBuf;
 /// Makes a synthetic scan of any size: closed-form, the same for the same seed.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Kind of mesh: terrain, statue, gyroid, scans, volume or rooms.
+    /// Kind of mesh: terrain, statue, gyroid, scans, volume, rooms or foam.
     pub kind: Kind,
     /// The file to write; with --tiles, a folder that is not there yet.
     pub output: PathBuf,

@@ -4,6 +4,7 @@
 //! are. `write` turns it into records; `shuffle` puts into random order what cannot be computed in one.
 //! Nothing here simplifies, measures or reads a mesh.
 
+mod foam;
 mod gyroid;
 mod noise;
 mod permutation;
@@ -31,7 +32,7 @@ use stonecut_system::progress::Progress;
 use surface::{InOrder, Indexed, Order, Shuffled, Surface};
 pub use tiles::{Cut, Rounding, TileCounts};
 use volume::{Scanner, Volume};
-use write::{FileProperties, Stream};
+use write::{FileProperties, Stream, put_faces};
 use write_shuffled::write_shuffled;
 
 /// The synthetic meshes.
@@ -49,17 +50,20 @@ pub enum Kind {
     Volume,
     /// An interior with thin walls, holes, crumbs, and a fragmented atlas on several written images; coloured.
     Rooms,
+    /// Cells of a foam, each wall once with the regions on both sides as labels; three walls meet at an edge.
+    Foam,
 }
 
 impl Kind {
     /// All kinds with their names, as they are typed and as they stand in the headers of what is made.
-    const NAMED: [(Kind, &str); 6] = [
+    const NAMED: [(Kind, &str); 7] = [
         (Kind::Terrain, "terrain"),
         (Kind::Statue, "statue"),
         (Kind::Gyroid, "gyroid"),
         (Kind::Scans, "scans"),
         (Kind::Volume, "volume"),
         (Kind::Rooms, "rooms"),
+        (Kind::Foam, "foam"),
     ];
 
     /// The name.
@@ -200,7 +204,8 @@ fn write_surface(
         write_shuffled(&mut file, path, &stream, settings.seed)?;
     } else {
         stream.vertices(|records| file.write_vertices(records))?;
-        stream.faces(|_, face| face, |faces| file.write_faces_u32(faces))?;
+        let put = |faces: &[_], labels: &[_]| put_faces(&mut file, faces, labels);
+        stream.faces(|_, face| face, put)?;
     }
     file.finish()?;
     Ok(counts)
@@ -210,6 +215,7 @@ fn write_surface(
 fn header(settings: &Settings, layout: FileProperties, surface: &dyn Surface) -> OutputHeader {
     let (n_vertices, n_faces) = (surface.n_vertices(), surface.n_faces());
     let mut header = OutputHeader::new(layout.schema(), n_vertices, n_faces);
+    header.faces = layout.faces();
     header.settings = format!(
         "synth {} --triangles {} --seed {}{}{}{}{}{}",
         settings.kind.name(),
@@ -263,6 +269,11 @@ fn check_cut(settings: &Settings, cut: &Cut) -> Result<()> {
     }
     if settings.shuffle {
         return Err(Error::Usage("--shuffle: not with --tiles, which sorts by place".to_owned()));
+    }
+    if settings.kind == Kind::Foam {
+        return Err(Error::Usage(
+            "--tiles: not for foam, whose labels tiles do not carry".to_owned(),
+        ));
     }
     if cut.t_junctions && cut.overlap > 0.0 {
         return Err(Error::Usage(
@@ -344,6 +355,10 @@ fn surface(settings: &Settings, threads: usize, progress: &Progress) -> Result<B
             scans::Scans::new(n_triangles, scale, seed)
         })?),
         Kind::Rooms => Box::new(counted_rooms(settings, threads, progress)?),
+        Kind::Foam => {
+            let foam = foam::Foam::new(n_triangles, seed, color);
+            Box::new(Counted::new(foam, threads, progress)?)
+        }
         Kind::Volume => {
             let scanner =
                 Scanner { seed, noise: settings.noise, integer: settings.integer, colored: color };
@@ -376,7 +391,7 @@ fn ordered(surface: impl Indexed + 'static, settings: &Settings) -> Box<dyn Surf
 
 fn layout(settings: &Settings) -> FileProperties {
     let color = settings.color || matches!(settings.kind, Kind::Scans | Kind::Rooms);
-    FileProperties { color, uv: settings.uv }
+    FileProperties { color, uv: settings.uv, labels: settings.kind == Kind::Foam }
 }
 
 fn check(settings: &Settings) -> Result<()> {

@@ -18,7 +18,7 @@ pub(super) struct BlockCounts {
     pub(super) faces: u64,
 }
 
-/// A surface in blocks; a block's faces use vertices of that block and of some later blocks.
+/// A surface in blocks; a block's faces use vertices of that block and of blocks near it.
 pub(super) trait Sliced: Sync {
     /// Number of blocks.
     fn n_blocks(&self) -> u64;
@@ -29,6 +29,8 @@ pub(super) trait Sliced: Sync {
     /// Appends the triangles of one block; `first[b]` are the numbers of the first vertices of both
     /// sections of block b.
     fn faces(&self, block: u64, first: &[[u64; 2]], out: &mut Vec<[u64; 3]>);
+    /// Appends the regions behind and in front of each of these triangles, if the surface has regions.
+    fn labels(&self, _block: u64, _out: &mut Vec<[u32; 2]>) {}
 }
 
 /// A sliced surface with its counts. Memory: 24 bytes a block.
@@ -147,5 +149,9 @@ impl<S: Sliced> Surface for Counted<S> {
 
     fn faces(&self, block: u64, out: &mut Vec<[u64; 3]>) {
         self.surface.faces(block, &self.first_vertex, out);
+    }
+
+    fn labels(&self, block: u64, out: &mut Vec<[u32; 2]>) {
+        self.surface.labels(block, out);
     }
 }

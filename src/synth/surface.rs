@@ -52,6 +52,8 @@ pub(super) trait Surface: Sync {
     fn vertices(&self, block: u64, out: &mut Vec<Vertex>);
     /// Appends the triangles of one block.
     fn faces(&self, block: u64, out: &mut Vec<[u64; 3]>);
+    /// Appends the regions behind and in front of each of these triangles, if the surface has regions.
+    fn labels(&self, _block: u64, _out: &mut Vec<[u32; 2]>) {}
     /// Returns whether the order is already the one asked for with `--shuffle`.
     fn is_shuffled(&self) -> bool {
         false

@@ -4,6 +4,8 @@
 //! block's place in the file is fixed before any thread begins.
 
 use super::surface::{Surface, Vertex};
+use stonecut_io::MeshSink;
+use stonecut_io::ply::{FaceSchema, TexturedTriangle};
 use stonecut_mesh::property::{Property, Scalar};
 use stonecut_mesh::record::VertexSchema;
 use stonecut_system::error::Result;
@@ -17,6 +19,8 @@ pub(super) struct FileProperties {
     pub(super) color: bool,
     /// `float s t` after the colour.
     pub(super) uv: bool,
+    /// `uint left right` at faces: the regions behind and in front of each.
+    pub(super) labels: bool,
 }
 
 impl FileProperties {
@@ -31,6 +35,13 @@ impl FileProperties {
             properties.extend(["s", "t"].map(|name| property(name, Scalar::F32)));
         }
         VertexSchema { coordinate: Scalar::F32, properties }
+    }
+
+    /// The properties of faces.
+    pub(super) fn faces(&self) -> FaceSchema {
+        let names = ["left", "right"].into_iter().filter(|_| self.labels);
+        let properties = names.map(|name| Property::new(name, Scalar::U32)).collect();
+        FaceSchema { texture: false, properties }
     }
 
     /// Appends one vertex record.
@@ -67,6 +78,24 @@ pub(super) struct Stream<'a> {
 struct Block<T, U> {
     rows: Vec<T>,
     encoded: Vec<U>,
+    labels: Vec<[u32; 2]>,
+}
+
+/// Appends faces, with their labels if there are any.
+pub(super) fn put_faces(
+    file: &mut MeshSink,
+    faces: &[[u32; 3]],
+    labels: &[[u32; 2]],
+) -> Result<()> {
+    if labels.is_empty() {
+        return file.write_faces_u32(faces);
+    }
+    let full = faces.iter().map(|face| {
+        let corners = face.map(u64::from);
+        TexturedTriangle { corners, ..TexturedTriangle::default() }
+    });
+    let values: Vec<u8> = labels.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect();
+    file.write_full_faces(&full.collect::<Vec<_>>(), &values)
 }
 
 impl Stream<'_> {
@@ -83,17 +112,19 @@ impl Stream<'_> {
         in_order(n_blocks, self.threads, self.progress, produce, |_, block| sink(&block.encoded))
     }
 
-    /// Hands all faces, block after block, to `sink`; counts them as progress. `renumber` gives the
+    /// Hands all faces with their labels, block after block, to `sink`; counts them as progress. `renumber` gives the
     /// corners of each face their final numbers, knowing the face's row.
     pub(super) fn faces(
         &self,
         renumber: impl Fn(u64, [u64; 3]) -> [u64; 3] + Sync,
-        mut sink: impl FnMut(&[[u32; 3]]) -> Result<()>,
+        mut sink: impl FnMut(&[[u32; 3]], &[[u32; 2]]) -> Result<()>,
     ) -> Result<()> {
         let produce = |index: u64, block: &mut Block<[u64; 3], [u32; 3]>| {
             block.rows.clear();
             block.encoded.clear();
+            block.labels.clear();
             self.surface.faces(index, &mut block.rows);
+            self.surface.labels(index, &mut block.labels);
             let first = self.surface.first_face(index);
             // Ids are below 2^32: larger meshes are refused before anything is made.
             let renumbered = (first..).zip(&block.rows).map(|(row, face)| renumber(row, *face));
@@ -103,7 +134,7 @@ impl Stream<'_> {
         let n_blocks = self.surface.n_face_blocks();
         in_order(n_blocks, self.threads, self.progress, produce, |_, block| {
             self.progress.add(block.rows.len() as u64);
-            sink(&block.encoded)
+            sink(&block.encoded, &block.labels)
         })
     }
 }

@@ -2,7 +2,7 @@
 
 use super::shuffle::Shuffler;
 use super::surface::Order;
-use super::write::Stream;
+use super::write::{Stream, put_faces};
 use std::path::Path;
 use stonecut_io::MeshSink;
 use stonecut_system::disk::folder_of;
@@ -18,23 +18,32 @@ pub(super) fn write_shuffled(
     let (n_vertices, n_faces) = (stream.surface.n_vertices(), stream.surface.n_faces());
     let order = Order::new(n_vertices, n_faces, seed);
     shuffle_vertices(file, path, stream, &order)?;
-    let mut shuffler = Shuffler::new(scratch_folder(path), n_faces, size_of::<[u32; 3]>())?;
+    let has_labels = stream.layout.labels;
+    let words = if has_labels { 5 } else { 3 };
+    let mut shuffler = Shuffler::new(scratch_folder(path), n_faces, words * size_of::<u32>())?;
     let mut row = 0;
     let renumber = |row, face| order.renumber(row, face);
-    stream.faces(renumber, |faces| {
-        faces.iter().try_for_each(|face| {
+    stream.faces(renumber, |faces, labels| {
+        faces.iter().enumerate().try_for_each(|(i, &[a, b, c])| {
+            let [left, right] = labels.get(i).copied().unwrap_or_default();
+            let record = [a, b, c, left, right];
             row += 1;
-            shuffler.put(order.faces.apply(row - 1), bytemuck::bytes_of(face))
+            shuffler.put(order.faces.apply(row - 1), bytemuck::cast_slice(&record[..words]))
         })
     })?;
     assert!(row == n_faces, "the surface gave as many rows as it counted");
-    let mut faces = Vec::new();
+    let (mut faces, mut labels) = (Vec::new(), Vec::new());
     shuffler.drain(|bytes| {
         faces.clear();
-        faces.extend(
-            bytes.chunks_exact(size_of::<[u32; 3]>()).map(bytemuck::pod_read_unaligned::<[u32; 3]>),
-        );
-        file.write_faces_u32(&faces)
+        labels.clear();
+        for record in bytes.chunks_exact(words * size_of::<u32>()) {
+            let (corners, label) = record.split_at(size_of::<[u32; 3]>());
+            faces.push(bytemuck::pod_read_unaligned::<[u32; 3]>(corners));
+            if has_labels {
+                labels.push(bytemuck::pod_read_unaligned::<[u32; 2]>(label));
+            }
+        }
+        put_faces(file, &faces, &labels)
     })
 }
 

@@ -227,10 +227,10 @@ impl<'a, const N: usize> Cutter<'a, N> {
                     put([word(0), word(1), word(2)], &texture)
                 })
             })?,
-            None => self
-                .whole
-                .stream
-                .faces(|_, face| face, |faces| faces.iter().try_for_each(|&face| put(face, &[])))?,
+            None => self.whole.stream.faces(
+                |_, face| face,
+                |faces, _| faces.iter().try_for_each(|&face| put(face, &[])),
+            )?,
         }
         Ok(sort)
     }

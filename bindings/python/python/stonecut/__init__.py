@@ -717,7 +717,7 @@ def synth(
     threads: int | None = None,
     progress: OnProgress | None = None,
 ) -> Report:
-    """Makes a synthetic scan of any size, the same for the same seed: terrain, statue, gyroid, scans, volume or rooms.
+    """Makes a synthetic scan of any size, the same for the same seed: terrain, statue, gyroid, scans, volume, rooms or foam.
 
     Args:
         triangles: at least as many; ``"4M"`` works too. seed: another one makes another mesh.
