@@ -207,3 +207,119 @@ fn meshes_that_draco_has_compressed_are_read() {
     let said = expect(folder, "convert in.gltf no.ply", 4);
     assert!(said.contains("Draco"), "{said}");
 }
+
+/// Signs of base64, without padding.
+fn base64(bytes: &[u8]) -> String {
+    const SIGNS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let group = |three: &[u8]| {
+        let bits = three.iter().fold(0u32, |bits, &byte| bits << 8 | u32::from(byte));
+        let bits = bits << (8 * (3 - three.len()));
+        let signs = (0..=three.len()).map(|i| SIGNS[(bits >> (18 - 6 * i)) as usize & 63] as char);
+        signs.collect::<String>()
+    };
+    bytes.chunks(3).map(group).collect()
+}
+
+#[test]
+fn data_in_addresses_is_read_in_every_dialect_of_base64() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    // Eleven floats: a length that takes padding; the last have bits that take the signs 62 and 63.
+    triangle(folder, &[f32::from_bits(0xffff_ffff), f32::from_bits(0xfbef_befb)], |_| {});
+    let text = base64(&std::fs::read(folder.join("in.bin")).unwrap());
+    assert!(text.contains('+') && text.contains('/') && text.len() % 4 == 3);
+    let lines: Vec<&str> = text.as_bytes().chunks(20).map(|s| str::from_utf8(s).unwrap()).collect();
+    let expected = shown(folder, "in.gltf");
+    for (case, address) in [
+        ("padded", format!("data:application/octet-stream;base64,{text}=")),
+        ("without padding", format!("data:application/octet-stream;base64,{text}")),
+        (
+            "signs of addresses",
+            format!("data:;base64,{}=", text.replace('+', "-").replace('/', "_")),
+        ),
+        ("wrapped", format!("data:application/octet-stream;base64,\n{}=\n ", lines.join("\r\n  "))),
+        ("escaped", format!("data:;base64,{}%3D", text.replace('+', "%2B").replace('/', "%2f"))),
+        ("capitals", format!("DATA:application/octet-stream;charset=utf-8;BASE64,{text}=")),
+    ] {
+        triangle(folder, &[0.0; 2], |document| {
+            document["buffers"][0]["uri"] = address.clone().into()
+        });
+        assert_eq!(shown(folder, "in.gltf"), expected, "{case}");
+    }
+    let wrong = format!("data:;base64,{text}*");
+    triangle(folder, &[0.0; 2], |document| document["buffers"][0]["uri"] = wrong.clone().into());
+    assert!(expect(folder, "info in.gltf", 4).contains("buffer 0: its data is not base64"));
+}
+
+#[test]
+fn buffers_under_another_spelling_of_their_name_are_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for written in ["IN.Bin", "C:\\models\\in.bin", "/home/me/in.bin", "data/in%2Ebin"] {
+        triangle(folder, &[0.0], |document| document["buffers"][0]["uri"] = written.into());
+        assert_eq!(shown(folder, "in.gltf").1[1], [1.0, 0.0, 0.0], "{written}");
+        let said = expect(folder, "convert in.gltf out.ply --force", 0);
+        assert!(said.contains("in.bin is taken"), "{written}\n{said}");
+    }
+    triangle(folder, &[0.0], |document| document["buffers"][0]["uri"] = "other.bin".into());
+    assert!(expect(folder, "info in.gltf", 4).contains("other.bin"));
+}
+
+#[test]
+fn images_that_are_not_read_or_not_named_are_lost_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("t.avif"), b"\0\0\0\x1cftypavif\0\0\0\0avifmif1miaf").unwrap();
+    let textured = |document: &mut Value, texture: Value| {
+        document["materials"] =
+            json!([{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }]);
+        document["meshes"][0]["primitives"][0]["material"] = 0.into();
+        document["textures"] = json!([texture]);
+        document["images"] = json!([{ "uri": "t.avif" }]);
+        document["extensionsRequired"] = json!(["EXT_texture_avif"]);
+    };
+    let avif = json!({ "extensions": { "EXT_texture_avif": { "source": 0 } } });
+    for (texture, reason) in [(avif, "is AVIF, which is not read"), (json!({}), "names no image")] {
+        triangle(folder, &[0.0], |document| textured(document, texture.clone()));
+        for run in [
+            "convert in.gltf out.glb --force",
+            "convert in.gltf out.obj --force",
+            "simplify in.gltf out.glb --ratio 1 --force",
+        ] {
+            let said = expect(folder, run, 3);
+            assert!(said.contains(reason) && said.contains("none of the images"), "{run}\n{said}");
+        }
+    }
+}
+
+#[test]
+fn faces_without_coordinates_of_their_image_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    image::RgbImage::new(2, 2).save(folder.join("t.png")).unwrap();
+    std::fs::write(folder.join("in.mtl"), "newmtl a\nmap_Kd t.png\nnewmtl b\nKd 1 0 0\n").unwrap();
+    let head = "mtllib in.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nusemtl a\nf 1/1 2/2 3/3\n";
+    for (faces, n) in [("f 1 3 4\n", 1), ("f 1/1 3 4/2\nf 4 3 1\n", 2), ("usemtl b\nf 1 3 4\n", 0)]
+    {
+        std::fs::write(folder.join("in.obj"), format!("{head}{faces}")).unwrap();
+        let said = expect(folder, "convert in.obj out.glb --force", 0);
+        let words = "faces without texture coordinates";
+        assert_eq!(said.contains(words), n > 0, "{faces}{said}");
+        assert!(n < 2 || said.contains(&format!("{words}, {n} of them")), "{faces}{said}");
+    }
+    // A second primitive without coordinates, of the same material.
+    triangle(folder, &[0.0, 0.0, 1.0, 0.0, 1.0, 1.0], |document| {
+        let positions = document["accessors"][0].clone();
+        document["accessors"] = json!([positions, { "bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC2" }]);
+        document["materials"] =
+            json!([{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }]);
+        document["textures"] = json!([{ "source": 0 }]);
+        document["images"] = json!([{ "uri": "t.png" }]);
+        document["meshes"][0]["primitives"] = json!([
+            { "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "material": 0 },
+            { "attributes": { "POSITION": 0 }, "material": 0 },
+        ]);
+    });
+    let said = expect(folder, "convert in.gltf out.glb --force", 0);
+    assert!(said.contains("faces without texture coordinates: their material"), "{said}");
+}

@@ -6,12 +6,14 @@ use super::elements::{Elements, Number};
 use super::json::{Document, SparsePart};
 use super::{meshopt, sparse};
 use crate::encodings::unescaped;
-use crate::materials::Part;
+use crate::materials::{Part, Search};
 use crate::open_options::StageOptions;
 use crate::ply::raw::RawFile;
+use base64::Engine;
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
+use stonecut_system::disk::folder_of;
 use stonecut_system::error::{Error, Result};
 
 /// Distance of elements in bytes, at most; glTF allows 252.
@@ -26,6 +28,7 @@ pub(super) struct Buffers<'a> {
     unpacked: HashMap<usize, Part>,
     /// Sparse accessors with their values in place.
     filled_in: HashMap<usize, Part>,
+    search: Search,
 }
 
 impl<'a> Buffers<'a> {
@@ -37,13 +40,14 @@ impl<'a> Buffers<'a> {
         options: &'a StageOptions,
     ) -> Result<Self> {
         let mut list = Vec::new();
+        let mut search = Search::new("buffer", &[folder_of(file.path())]);
         for (i, buffer) in document.buffers.iter().enumerate() {
             let part = match &buffer.uri {
                 None if i == 0 => binary.clone(),
                 None => None,
                 Some(uri) => match inline.buffers.get(&i) {
                     Some(part) => Some(part.clone()),
-                    None => Some(open_beside(file, uri, &format!("buffer {i}"))?),
+                    None => Some(open_beside(file, (uri, i), &mut search)?),
                 },
             };
             if let Some(part) = &part
@@ -57,7 +61,12 @@ impl<'a> Buffers<'a> {
             list.push(part);
         }
         let (unpacked, filled_in) = (HashMap::new(), HashMap::new());
-        Ok(Buffers { file: file.clone(), document, options, list, unpacked, filled_in })
+        Ok(Buffers { file: file.clone(), document, options, list, unpacked, filled_in, search })
+    }
+
+    /// A line on buffers that were found elsewhere than written.
+    pub(super) fn note(&self) -> Option<String> {
+        self.search.note()
     }
 
     /// Paths of the buffers that lie in other files.
@@ -222,7 +231,7 @@ impl Inline {
     ) -> Result<Inline> {
         let mut spool = options.spool();
         let mut take = |what: &str, number: usize, uri: Option<&String>| {
-            let Some(data) = uri.and_then(|uri| uri.strip_prefix("data:")) else { return Ok(None) };
+            let Some(data) = uri.and_then(|uri| inline_data(uri)) else { return Ok(None) };
             let bytes = data_of(data)
                 .ok_or_else(|| file.bad(format!("{what} {number}: its data is not base64")))?;
             let place = (number, spool.len(), bytes.len() as u64);
@@ -249,25 +258,45 @@ impl Inline {
     }
 }
 
-/// Opens the file that an address names, beside the document.
-fn open_beside(file: &RawFile, uri: &str, what: &str) -> Result<Part> {
-    let path = path_of(file, uri).ok_or_else(|| {
+/// Opens the file that the address of a buffer names, beside the document.
+fn open_beside(file: &RawFile, (uri, number): (&str, usize), search: &mut Search) -> Result<Part> {
+    let mut path = path_of(file, uri).ok_or_else(|| {
         let shown: String = uri.chars().take(60).collect();
-        file.bad(format!("{what} lies at '{shown}', which is not a file; fetch it first"))
+        file.bad(format!("buffer {number} lies at '{shown}', which is not a file; fetch it first"))
     })?;
+    if !path.exists() {
+        path = Some(search.find(uri.as_bytes())).filter(|found| found.is_file()).unwrap_or(path);
+    }
     let opened = RawFile::open(&path)?;
     let n_bytes = opened.len();
     Ok(Part { file: Arc::new(opened), offset: 0, n_bytes })
 }
 
-/// The data of an address after `data:`.
+/// The rest of an address behind `data:`, in whatever case (RFC 2397).
+fn inline_data(uri: &str) -> Option<&str> {
+    let (scheme, data) = uri.trim_start().split_once(':')?;
+    scheme.eq_ignore_ascii_case("data").then_some(data)
+}
+
+/// The data of an address after `data:`; base64 also with the signs of addresses, escaped, wrapped, or without padding.
 fn data_of(data: &str) -> Option<Vec<u8>> {
-    use base64::Engine;
+    use base64::engine::general_purpose::{STANDARD, STANDARD_NO_PAD};
     let (kind, text) = data.split_once(',')?;
-    if !kind.ends_with(";base64") {
+    if !kind.trim_end().to_ascii_lowercase().ends_with(";base64") {
         return Some(unescaped(text));
     }
-    base64::engine::general_purpose::STANDARD.decode(text).ok()
+    STANDARD.decode(text).ok().or_else(|| {
+        let mut plain = unescaped(text);
+        plain.retain(|byte| !byte.is_ascii_whitespace() && *byte != b'=');
+        for byte in &mut plain {
+            *byte = match *byte {
+                b'-' => b'+',
+                b'_' => b'/',
+                other => other,
+            };
+        }
+        STANDARD_NO_PAD.decode(plain).ok()
+    })
 }
 
 /// The file that an address names, seen from the document; none for addresses of the net.

@@ -272,6 +272,8 @@ pub(super) struct TextureExtensions {
     pub(super) webp: Option<Source>,
     #[serde(rename = "KHR_texture_basisu")]
     pub(super) basis: Option<Source>,
+    #[serde(rename = "EXT_texture_avif")]
+    pub(super) avif: Option<Source>,
 }
 
 #[derive(Debug, Default, Deserialize)]

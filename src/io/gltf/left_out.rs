@@ -6,7 +6,7 @@ use crate::materials::Materials;
 use stonecut_system::losses::{Loss, LossKind};
 
 /// Extensions that a file may require: what is read, and what only changes the look.
-pub(super) const KNOWN: [&str; 9] = [
+pub(super) const KNOWN: [&str; 10] = [
     "KHR_texture_basisu",
     "KHR_draco_mesh_compression",
     "CESIUM_RTC",
@@ -15,6 +15,7 @@ pub(super) const KNOWN: [&str; 9] = [
     "EXT_meshopt_compression",
     "KHR_meshopt_compression",
     "KHR_texture_transform",
+    "EXT_texture_avif",
     "EXT_texture_webp",
 ];
 

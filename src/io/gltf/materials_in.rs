@@ -2,7 +2,9 @@
 
 use super::buffers::{Buffers, Inline, path_of};
 use super::json::{self, Document, TextureInfo, Transform};
-use crate::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part, Search};
+use crate::materials::{
+    Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part, Search, all_missing,
+};
 use crate::ply::raw::RawFile;
 use stonecut_mesh::oklab::srgb_of_linear;
 use stonecut_system::disk::folder_of;
@@ -64,10 +66,13 @@ pub(super) fn read(
         // Every image keeps its number, even if two are one file.
         out.images.push(read);
     }
-    search.note().into_iter().for_each(|note| out.note(note));
-    let mut coordinates = Vec::new();
+    search.note().into_iter().chain(buffers.note()).for_each(|note| out.note(note));
+    let (mut coordinates, mut n_without) = (Vec::new(), 0);
     for material in &document.materials {
-        coordinates.push(add(file, document, material, &mut out)?);
+        coordinates.push(add(file, document, material, (&mut out, &mut n_without))?);
+    }
+    if n_without > 0 && !out.has_image(|_| true) {
+        out.lose(all_missing(n_without));
     }
     out.name_all();
     Ok((out, coordinates))
@@ -110,7 +115,7 @@ fn add(
     file: &RawFile,
     document: &Document,
     material: &json::Material,
-    out: &mut Materials,
+    (out, n_without): (&mut Materials, &mut usize),
 ) -> Result<Coordinates> {
     let surface = &material.pbr_metallic_roughness;
     let mut new = Material {
@@ -176,9 +181,12 @@ fn add(
         };
         let extensions = [&texture.extensions.webp, &texture.extensions.basis];
         let better = extensions.into_iter().flatten().find_map(|extension| extension.source);
-        let Some(image) = better.or(texture.source).filter(|&image| image < out.images.len())
-        else {
+        // Of this kind nothing is read: the plain image is better.
+        let named = texture.extensions.avif.as_ref().and_then(|avif| avif.source);
+        let image = better.or(texture.source).or(named);
+        let Some(image) = image.filter(|&image| image < out.images.len()) else {
             let loss = Loss::new(LossKind::Images, "texture", "names no image: left out");
+            *n_without += 1;
             out.lose(loss.example(format!("number {}", info.index)));
             continue;
         };

@@ -14,7 +14,7 @@ use super::left_out::{self, KNOWN};
 use super::materials_in::{self, Coordinates};
 use super::scene::Placement;
 use super::{totals, weigh};
-use crate::materials::{Materials, Part};
+use crate::materials::{BARE_FACES, BARE_REASON, Materials, Part};
 use crate::names::{Name, NameList};
 use crate::open_options::StageOptions;
 use crate::ply::Faults;
@@ -141,9 +141,13 @@ struct Piece<'a> {
 }
 
 impl Piece<'_> {
-    fn n_left_over(&self) -> u64 {
-        let n_indices = self.indices.as_ref().map_or(self.positions.count, |list| list.count);
-        totals::n_left_over(self.primitive.mode.unwrap_or(TRIANGLES), n_indices)
+    /// Sums `of` the kind of primitives and the number of indices over pieces.
+    fn sum<'b>(pieces: impl Iterator<Item = &'b Self>, of: fn(u32, u64) -> u64) -> u64
+    where
+        Self: 'b,
+    {
+        let n_indices = |p: &Self| p.indices.as_ref().map_or(p.positions.count, |list| list.count);
+        pieces.map(|p| of(p.primitive.mode.unwrap_or(TRIANGLES), n_indices(p))).sum()
     }
 }
 
@@ -172,7 +176,7 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
         let what = "normals, which only some of the meshes have";
         materials.lose(Loss::new(LossKind::Normals, what, "not carried").notice());
     }
-    let n_left_over: u64 = pieces.iter().map(Piece::n_left_over).sum();
+    let n_left_over: u64 = Piece::sum(pieces.iter(), totals::n_left_over);
     if n_left_over > 0 {
         materials.lose(Loss::remark(format!(
             "{n_left_over} indices at the end of primitives make no triangle, which takes three: left out"
@@ -211,6 +215,15 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
     if has_colours && n_white > 0 {
         let loss = Loss::new(LossKind::Colors, "vertices without colour", "others have one: white");
         materials.lose(loss.count(n_white));
+    }
+    let is_bare = |piece: &&Piece| {
+        let material = piece.primitive.material.and_then(|number| i32::try_from(number).ok());
+        has_texture && piece.texture.is_none() && material.is_some_and(|m| materials.has_base(m))
+    };
+    let n_bare: u64 = Piece::sum(pieces.iter().filter(is_bare), totals::n_triangles);
+    if n_bare > 0 {
+        let loss = Loss::new(LossKind::TextureCoordinates, BARE_FACES, BARE_REASON);
+        materials.lose(loss.count(n_bare));
     }
     let faults = Faults { bad_faces: n_bad, ..Faults::default() };
     let mut staged = Staged { faults, beside: buffers.beside(), ..Staged::default() };

@@ -48,12 +48,10 @@ impl Totals {
         };
         let vertices = count(primitive.attributes.get("POSITION").copied());
         let indices = if primitive.indices.is_some() { count(primitive.indices) } else { vertices };
-        let triangles = match primitive.mode.unwrap_or(4) {
-            4 => indices / 3,
-            5 | 6 => indices.saturating_sub(2),
-            _ => return Totals { pieces: 1, ..Totals::default() },
-        };
-        Totals { pieces: 1, vertices, triangles }
+        match primitive.mode.unwrap_or(4) {
+            mode @ 4..=6 => Totals { pieces: 1, vertices, triangles: n_triangles(mode, indices) },
+            _ => Totals { pieces: 1, ..Totals::default() },
+        }
     }
 
     fn plus(self, other: Totals) -> Totals {
@@ -117,6 +115,11 @@ pub(super) fn hold(
         }),
         _ => Ok(()),
     }
+}
+
+/// Triangles of a list, or of a strip or fan.
+pub(super) fn n_triangles(mode: u32, n_indices: u64) -> u64 {
+    if mode == 4 { n_indices / 3 } else { n_indices.saturating_sub(2) }
 }
 
 /// Indices at the end of a primitive that make no triangle: all but the last one or two of a list make threes, and a strip

@@ -20,6 +20,21 @@ const MAX_SIDE: usize = 32_768;
 /// Bytes that are copied at once.
 const COPY_BYTES: u64 = 1 << 20;
 
+/// Kinds of images that are not read: place and bytes of their mark, and name.
+const OTHERS: [(usize, &[u8], &str); 11] = [
+    (4, b"ftypavi", "AVIF"),
+    (4, b"ftyphe", "HEIC"),
+    (4, b"ftypmif1", "HEIF or AVIF"),
+    (4, b"JXL ", "JPEG XL"),
+    (0, b"\xff\x0a", "JPEG XL"),
+    (4, b"jP  ", "JPEG 2000"),
+    (0, b"\xff\x4f\xff\x51", "JPEG 2000"),
+    (0, b"8BPS", "PSD"),
+    (0, b"#?RADIANCE", "Radiance HDR"),
+    (0, b"qoif", "QOI"),
+    (0, b"<svg", "SVG"),
+];
+
 /// Findings of a look at an image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImageFacts {
@@ -77,7 +92,15 @@ pub fn look(data: &ImageData) -> Result<ImageFacts, String> {
         Ok(imagesize::ImageType::Dds(_)) => (None, "dds", b""),
         Ok(imagesize::ImageType::Ktx2) => (Some("image/ktx2"), "ktx2", b""),
         _ if n_bytes == 0 => return Err("is empty".to_owned()),
-        _ => return Err("is not an image of a known type".to_owned()),
+        _ => {
+            let other = OTHERS
+                .iter()
+                .find(|(at, mark, _)| head.get(*at..).is_some_and(|h| h.starts_with(mark)));
+            return Err(other.map_or_else(
+                || "is not an image of a known type".to_owned(),
+                |(_, _, name)| format!("is {name}, which is not read: make it a PNG or JPEG first"),
+            ));
+        }
     };
     let found = imagesize::blob_size(&head);
     let fault = match &found {

@@ -7,6 +7,11 @@ use stonecut_system::losses::{Ledger, Loss, LossKind, Severity};
 /// The colour that a material has besides its images.
 const COLOUR: &str = "colour";
 
+/// Faces without coordinates whose material has an image.
+pub const BARE_FACES: &str = "faces without texture coordinates";
+/// The fate of `BARE_FACES`.
+pub const BARE_REASON: &str = "their material has an image: 0 0 stands for the coordinates";
+
 /// Kinds of images that each kind of output holds.
 fn holds(kind: OutputKind, map: MapKind) -> bool {
     use MapKind::{

@@ -334,6 +334,12 @@ impl Materials {
         self.list.iter().any(|material| material.maps.iter().any(|map| of(map.kind)))
     }
 
+    /// Returns whether a material has a colour image; `number` is that of a face.
+    pub fn has_base(&self, number: i32) -> bool {
+        let material = usize::try_from(number).ok().and_then(|number| self.list.get(number));
+        material.is_some_and(|material| material.map(MapKind::Base).is_some())
+    }
+
     /// Paths of the images and libraries that lie in other files.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         let images = self.images.iter().filter_map(|image| match &image.data {

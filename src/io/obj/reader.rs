@@ -6,7 +6,7 @@
 use super::texture::{NO_MATERIAL, Named, TexturedFaces};
 use crate::encodings;
 use crate::extent::Extent;
-use crate::materials::{Image, after_word};
+use crate::materials::{BARE_FACES, BARE_REASON, Image, after_word};
 use crate::names::{Name, NameList, OBJECT};
 use crate::open_options::StageOptions;
 use crate::ply::header::BYTE_ORDER_MARK;
@@ -387,6 +387,7 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
             "third texture coordinates (w of vt)",
             "not carried",
         ),
+        (texture.as_ref().map_or(0, |texture| texture.n_bare(&materials)), BARE_FACES, BARE_REASON),
     ] {
         if n > 0 {
             staged.losses.lose(Loss::new(LossKind::TextureCoordinates, what, why).count(n));

@@ -280,6 +280,8 @@ pub(super) struct TexturedFaces<'a> {
     n_unknown: u64,
     /// Those with a third value besides 0.
     pub(super) n_thirds: u64,
+    /// Faces with a corner that names none, by material.
+    n_bare: HashMap<i32, u64>,
     /// Labels of each face: its material, and its name if there are any.
     labels: Spool,
     /// Number of the coordinates, and of the corner.
@@ -300,6 +302,7 @@ impl<'a> TexturedFaces<'a> {
             n_not_finite: 0,
             n_thirds: 0,
             n_unknown: 0,
+            n_bare: HashMap::new(),
             labels: options.spool(),
             by_coordinates: options.sort(memory_bytes),
             n_corners: 0,
@@ -336,6 +339,7 @@ impl<'a> TexturedFaces<'a> {
         words: impl Iterator<Item = &'b [u8]>,
         labels: &[u8],
     ) -> Result<()> {
+        let mut is_bare = false;
         for word in words {
             let number = word.split(|&b| b == b'/').nth(1).and_then(|part| {
                 let number = parse_whole(part)?;
@@ -347,11 +351,21 @@ impl<'a> TexturedFaces<'a> {
             });
             let is_named = word.split(|&b| b == b'/').nth(1).is_some_and(|part| !part.is_empty());
             self.n_unknown += u64::from(is_named && number.is_none());
+            is_bare |= !is_named;
             let ([high, low], [c, d]) = (halves(number.unwrap_or(NONE)), halves(self.n_corners));
             self.by_coordinates.push([high, low, c, d])?;
             self.n_corners += 1;
         }
+        if let (true, Some(&material)) = (is_bare, labels.first_chunk()) {
+            *self.n_bare.entry(i32::from_le_bytes(material)).or_default() += 1;
+        }
         self.labels.write(labels)
+    }
+
+    /// Faces without coordinates though their material has an image.
+    pub(super) fn n_bare(&self, materials: &Materials) -> u64 {
+        let n_faces = self.n_bare.iter().filter(|(material, _)| materials.has_base(**material));
+        n_faces.map(|(_, n)| n).sum()
     }
 
     /// The rows of `faces` (a count in 4 bytes, then indices) with coordinates and labels behind them; and the number of
