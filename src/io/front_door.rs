@@ -17,9 +17,9 @@ impl MeshSource {
         let source = if input.is_one() {
             weld::weld(open_part(&input, None, options)?, options)?
         } else {
-            let mut source = stage(&input, options)?;
+            let (mut source, borders) = stage(&input, options)?;
             source.place(&options.read.placing)?;
-            weld::join_parts(source, options)?
+            weld::join_parts(source, &borders, options)?
         };
         lock::lock(source, options)
     }

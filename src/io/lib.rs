@@ -3,6 +3,7 @@
 //! In: STL, OBJ, gzip, zstd, standard input (`open`). Out: PLY in any encoding, STL, OBJ, GLB (`sink`).
 //! The rest of the program sees a `MeshSource` and a `MeshSink`.
 
+mod borders;
 mod by_material;
 mod containers;
 mod duplicates;

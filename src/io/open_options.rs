@@ -3,6 +3,7 @@
 use super::external_sort::ExternalSort;
 use crate::ply::ReadOptions;
 use crate::ply::raw::Spool;
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use stonecut_system::disk::Disk;
 use stonecut_system::memory::{budget_bytes, limit_bytes};
@@ -97,6 +98,8 @@ const SPOOL_SHARE: u64 = 16;
 /// Settings for staging an input.
 #[derive(Clone, Debug)]
 pub struct StageOptions {
+    /// Threads for files that are read side by side.
+    pub threads: NonZeroUsize,
     /// The folder for staged data; up to the size of the input, decompressed, and for STL three times
     /// that for a while.
     pub temp_dir: PathBuf,
@@ -120,6 +123,7 @@ impl StageOptions {
     /// Strict reading with 256 MiB for sorting, and half of the memory that is used by default for parsing.
     pub fn new(temp_dir: impl Into<PathBuf>) -> Self {
         StageOptions {
+            threads: NonZeroUsize::MIN,
             temp_dir: temp_dir.into(),
             memory_bytes: MOST_SORT_BYTES,
             parse_bytes: budget_bytes(None, limit_bytes()) / 2,

@@ -5,8 +5,76 @@ use crate::ply::header::Encoding;
 use crate::ply::raw::RawFile;
 use crate::ply::source::Staged;
 use crate::ply::{FaceBlock, FaceSchema, Faults, MeshSource, OutputHeader, TextureInfo};
+use std::ops::Range;
+use std::path::Path;
 use stonecut_mesh::record::VertexSchema;
 use stonecut_system::error::Result;
+
+/// Bytes that are read at once.
+const WINDOW: usize = 1 << 20;
+
+/// Lengths of what rows of faces have besides their corners.
+#[derive(Clone, Copy)]
+pub(crate) struct RowLayout {
+    pub has_texture: bool,
+    pub value_bytes: usize,
+}
+
+impl RowLayout {
+    pub fn of(faces: &FaceSchema) -> RowLayout {
+        let value_bytes = faces.properties.iter().map(|p| p.scalar.bytes()).sum();
+        RowLayout { has_texture: faces.texture, value_bytes }
+    }
+
+    /// Bytes of a row up to the ends of its corners, of its texture coordinates and of its properties.
+    #[inline(always)]
+    pub fn ends(self, n_corners: u8) -> [usize; 3] {
+        let n = usize::from(n_corners);
+        let corners = 1 + 4 * n;
+        let texture = corners + if self.has_texture { 1 + 8 * n } else { 0 };
+        [corners, texture, texture + self.value_bytes]
+    }
+}
+
+/// A corner of a row.
+#[inline(always)]
+pub(crate) fn corner(row: &[u8], i: usize) -> u32 {
+    u32::from_le_bytes(row[1 + 4 * i..5 + 4 * i].try_into().expect("4 bytes"))
+}
+
+/// Changes a corner of a row.
+#[inline(always)]
+pub(crate) fn set_corner(row: &mut [u8], i: usize, v: u32) {
+    row[1 + 4 * i..5 + 4 * i].copy_from_slice(&v.to_le_bytes());
+}
+
+/// Calls `each` with the rows in a range of a file in turn.
+pub(crate) fn each_row(
+    file: &RawFile,
+    range: Range<u64>,
+    layout: RowLayout,
+    mut each: impl FnMut(&mut [u8]) -> Result<()>,
+) -> Result<()> {
+    let mut buffer = Vec::new();
+    let Range { start: mut at, end } = range;
+    while at < end || !buffer.is_empty() {
+        let old = buffer.len();
+        let n = (end - at).min(WINDOW as u64) as usize;
+        buffer.resize(old + n, 0);
+        file.read_exact_at(&mut buffer[old..], at)?;
+        at += n as u64;
+        let mut done = 0;
+        while let Some(&n) = buffer.get(done) {
+            let [_, _, n_bytes] = layout.ends(n);
+            let Some(row) = buffer.get_mut(done..done + n_bytes) else { break };
+            done += n_bytes;
+            each(row)?;
+        }
+        assert!(done > 0 || at < end, "faces are whole rows");
+        buffer.drain(..done);
+    }
+    Ok(())
+}
 
 /// Rows of faces as they stand in a staged file.
 pub(crate) struct FaceRows {
@@ -23,6 +91,16 @@ pub(crate) fn face_rows(
 ) -> Result<Option<FaceRows>> {
     let has_texture = source.has_corner_texture();
     let mut out = options.spool();
+    let plain = source.each_plain_row(|row| {
+        for i in 0..3 {
+            set_corner(row, i, number(u64::from(corner(row, i)))?);
+        }
+        out.write(row)
+    })?;
+    if let Some(n_faces) = plain {
+        return Ok(Some(FaceRows { rows: out.finish(source.path())?, n_faces, n_bad: 0 }));
+    }
+    out = options.spool();
     let (mut n_faces, mut n_bad, mut row) = (0u64, 0, Vec::new());
     if source.has_strips() {
         let mut block = FaceBlock::default();
@@ -87,12 +165,7 @@ pub(crate) fn restage(
         },
         ..OutputHeader::new(schema, n_vertices, faces.n_faces)
     };
-    let mut out = options.spool();
-    let index = header.index_type()?;
-    out.write(header.text_signed(Encoding::BinaryLittleEndian, index, None).as_bytes())?;
-    out.append_file(&vertices)?;
-    drop(vertices);
-    out.append_file(&faces.rows)?;
+    let file = staged_file(&path, &header, vertices, faces.rows)?;
     let counts = source.faults();
     let texture = source.has_corner_texture().then(|| TextureInfo {
         files: source.texture().map_or_else(Vec::new, |texture| texture.files),
@@ -107,5 +180,18 @@ pub(crate) fn restage(
     note(&mut staged);
     let mut read = options.read.clone();
     read.temp_dir = Some(options.temp_dir.clone());
-    MeshSource::from_staged(out.finish(&path)?, read, staged)
+    MeshSource::from_staged(file, read, staged)
+}
+
+/// A staged PLY of its header and rows that were written already.
+pub(crate) fn staged_file(
+    path: &Path,
+    header: &OutputHeader,
+    vertices: RawFile,
+    faces: RawFile,
+) -> Result<RawFile> {
+    let index = header.index_type()?;
+    let text = header.text_signed(Encoding::BinaryLittleEndian, index, None);
+    let text = RawFile::from_bytes("", text.into_bytes());
+    Ok(RawFile::chain(path, vec![text, vertices, faces]))
 }

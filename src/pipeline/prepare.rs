@@ -151,6 +151,7 @@ pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String
     let read = config.read_options();
     let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     let mut stage = stage.within(config.memory_bytes);
+    stage.threads = config.threads;
     stage.weld = Some(WeldOptions {
         how: match (config.weld, &config.lock) {
             // What must stay is moved only if that was asked for.

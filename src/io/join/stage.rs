@@ -1,20 +1,23 @@
 //! Several meshes staged as one PLY: vertices and faces one part after the other, then written again with the union of
 //! their properties and materials.
 //!
-//! One part is open at a time. Disk at peak: twice the joined mesh, and one part. Does not join vertices (`weld`).
+//! Small parts are opened side by side, large ones one at a time. Disk: the joined mesh and one part; twice that where the layouts of
+//! parts differ. Does not join vertices (`weld`).
 
 use super::looks::Looks;
 use super::schemas::{Union, widest};
 use super::{InputPaths, InputSet, MeshPart};
+use crate::borders::{BorderSpools, Borders};
 use crate::materials::NUMBER;
 use crate::names::NameUse;
 use crate::open::open_part;
 use crate::open_options::StageOptions;
-use crate::ply::header::Encoding;
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::source::Staged;
 use crate::ply::{FaceSchema, MeshSource, OutputHeader, PartReport, TextureInfo, VertexBlock};
-use crate::restaged::face_rows;
+use crate::restaged::{
+    FaceRows, RowLayout, corner, each_row, face_rows, set_corner, staged_file,
+};
 use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
@@ -24,6 +27,8 @@ use stonecut_mesh::record::VertexSchema;
 use stonecut_mesh::vec3::{length_sq, sub};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Ledger, Loss, LossKind};
+use stonecut_system::parallel;
+use stonecut_system::progress::Progress;
 
 /// A part this many times larger or smaller than most has other units.
 const OTHER_UNITS: f64 = 300.0;
@@ -44,6 +49,7 @@ struct Rows {
 struct Gathered {
     vertices: Spool,
     faces: Spool,
+    borders: BorderSpools,
     rows: Vec<Rows>,
     coordinate: Scalar,
     of_vertices: Union,
@@ -64,26 +70,78 @@ struct Gathered {
     notes: Ledger,
 }
 
+/// Parts that are opened side by side at most, and the share of the memory that the file of such a part may take.
+const MOST_AT_ONCE: usize = 4;
+const SMALL_PART: u64 = 32;
+
+/// A part as it was read: rows whose numbers count from its own beginning.
+struct ReadPart {
+    source: MeshSource,
+    vertices: RawFile,
+    faces: FaceRows,
+    layout: FaceSchema,
+    borders: Borders,
+    bounds: Bounds,
+}
+
 /// Opens all parts and stages them as one mesh; vertices are not joined yet.
 ///
 /// Errors: those of a part, under its name; with `skip_bad` such a part is left out and named.
-pub(crate) fn stage(input: &InputPaths, options: &StageOptions) -> Result<MeshSource> {
+pub(crate) fn stage(input: &InputPaths, options: &StageOptions) -> Result<(MeshSource, Borders)> {
     let set = input.set()?;
     let mut all = Gathered::new(options);
-    for part in &set.parts {
-        let added = open(part, options).and_then(|source| all.add(part, source, options));
-        match added {
-            Ok(()) => {}
+    let threads = options.threads.get().min(MOST_AT_ONCE);
+    let mut share = options.clone();
+    share.memory_bytes /= threads as u64;
+    share.parse_bytes /= threads as u64;
+    let is_small = |part: &MeshPart| {
+        let n_bytes = std::fs::metadata(&part.path).map_or(u64::MAX, |file| file.len());
+        part.bytes.as_ref().map_or(n_bytes, |b| b.end - b.start) <= options.memory_bytes / SMALL_PART
+    };
+    let mut take = |part: &MeshPart, ahead: Option<ReadPart>| {
+        // Large ones are read by themselves, and so are those that went wrong: less memory may have been the reason.
+        let read = ahead.map_or_else(|| read_part(part, options), Ok);
+        match read.and_then(|read| all.add(part, read)) {
             Err(error @ Error::BadInput { .. }) if options.read.skip_bad && set.parts.len() > 1 => {
                 let loss = Loss::new(LossKind::Geometry, "files", "left out: cannot be read");
                 // A part of the surface is not there: as with dropped faces, the command ends with 3.
                 all.staged.losses.lose(loss.example(error.to_string()).whole());
+                Ok(())
             }
-            Err(error) => return Err(error),
+            added => added,
         }
+    };
+    if threads == 1 {
+        set.parts.iter().try_for_each(|part| take(part, None))?;
+    } else {
+        parallel::in_order(
+            set.parts.len() as u64,
+            threads,
+            &Progress::default(),
+            |i, slot: &mut Option<ReadPart>| {
+                let part = &set.parts[i as usize];
+                *slot = if is_small(part) { read_part(part, &share).ok() } else { None };
+                Ok(())
+            },
+            |i, slot| take(&set.parts[i as usize], slot.take()),
+        )?;
     }
     set.losses.entries().iter().for_each(|loss| all.staged.losses.lose(loss.clone()));
     all.finish(input, &set, options)
+}
+
+fn read_part(part: &MeshPart, options: &StageOptions) -> Result<ReadPart> {
+    let source = open(part, options)?;
+    let Some(faces) = face_rows(&source, |v| Ok(v as u32), options)? else {
+        let what = "a face of more than 127 corners cannot be joined with other files; convert it first";
+        return Err(Error::bad_input(source.path(), what));
+    };
+    let (vertices, bounds) = vertices_of(&source, options)?;
+    let layout =
+        FaceSchema { texture: source.has_corner_texture(), properties: source.face_properties() };
+    let rows = (&faces.rows, RowLayout::of(&layout));
+    let borders = Borders::of((&vertices, source.schema()), rows, options)?;
+    Ok(ReadPart { source, vertices, faces, layout, borders, bounds })
 }
 
 fn open(part: &MeshPart, options: &StageOptions) -> Result<MeshSource> {
@@ -96,6 +154,8 @@ fn open(part: &MeshPart, options: &StageOptions) -> Result<MeshSource> {
     }
     let source = open_part(&part.path, part.bytes.clone(), &options)?;
     source.require_faces()?;
+    // Refuses numbers of more than 32 bits.
+    OutputHeader::new(source.schema().clone(), source.n_vertices(), 0).index_type()?;
     Ok(source)
 }
 
@@ -104,6 +164,7 @@ impl Gathered {
         Gathered {
             vertices: options.spool(),
             faces: options.spool(),
+            borders: BorderSpools::new(options),
             rows: Vec::new(),
             coordinate: Scalar::F32,
             of_vertices: Union::default(),
@@ -125,7 +186,8 @@ impl Gathered {
     }
 
     /// Appends a part.
-    fn add(&mut self, part: &MeshPart, source: MeshSource, options: &StageOptions) -> Result<()> {
+    fn add(&mut self, part: &MeshPart, read: ReadPart) -> Result<()> {
+        let ReadPart { source, vertices, faces, layout, borders, bounds } = read;
         let offset = source.offset();
         if *self.offset.get_or_insert(offset) != offset {
             let words =
@@ -141,17 +203,7 @@ impl Gathered {
         let base = self.n_vertices;
         // Refuses numbers of more than 32 bits.
         OutputHeader::new(source.schema().clone(), base + source.n_vertices(), 0).index_type()?;
-        let number = |v: u64| Ok((base + v) as u32);
-        let Some(faces) = face_rows(&source, number, options)? else {
-            let what = "a face of more than 127 corners cannot be joined with other files; convert it first";
-            return Err(Error::bad_input(source.path(), what));
-        };
-        let (vertices, bounds) = vertices_of(&source, options)?;
         let schema = source.schema().clone();
-        let layout = FaceSchema {
-            texture: source.has_corner_texture(),
-            properties: source.face_properties(),
-        };
         let numbers = match source.materials() {
             Some(materials) => self.looks.add(materials)?,
             None => Vec::new(),
@@ -184,7 +236,13 @@ impl Gathered {
         self.formats.insert(if is_placed { "3D Tiles" } else { source.file_format() });
         self.given_bytes += source.given_bytes();
         self.vertices.append_file(&vertices)?;
-        self.faces.append_file(&faces.rows)?;
+        each_row(&faces.rows, 0..faces.rows.len(), RowLayout::of(&layout), |row| {
+            for i in 0..usize::from(row[0]) {
+                set_corner(row, i, corner(row, i) + base as u32);
+            }
+            self.faces.write(row)
+        })?;
+        self.borders.append(&borders, base, self.n_faces)?;
         let n_vertices = source.n_vertices();
         self.n_vertices += n_vertices;
         self.n_faces += faces.n_faces;
@@ -221,7 +279,7 @@ impl Gathered {
         input: &InputPaths,
         set: &InputSet,
         options: &StageOptions,
-    ) -> Result<MeshSource> {
+    ) -> Result<(MeshSource, Borders)> {
         if self.rows.is_empty() {
             return Err(Error::bad_input(&**input, "none of these files can be read"));
         }
@@ -255,25 +313,33 @@ impl Gathered {
             ..OutputHeader::new(schema, self.n_vertices, self.n_faces)
         };
         let path: &Path = input;
-        let mut out = options.spool();
-        let index = header.index_type()?;
-        out.write(header.text_signed(Encoding::BinaryLittleEndian, index, None).as_bytes())?;
-        let mut at = 0;
-        let vertices = std::mem::replace(&mut self.vertices, options.spool()).finish(path)?;
-        for rows in &self.rows {
-            self.put_vertices(rows, &vertices, at, &mut out)?;
-            at += rows.vertex_bytes;
+        let borders = std::mem::replace(&mut self.borders, BorderSpools::new(options));
+        let borders = borders.finish(path)?;
+        let mut vertices = std::mem::replace(&mut self.vertices, options.spool()).finish(path)?;
+        let stays = |rows: &Rows| {
+            let conversion = self.of_vertices.conversion(&rows.schema.properties);
+            rows.schema.coordinate == self.coordinate && conversion.is_none()
+        };
+        if !self.rows.iter().all(stays) {
+            let (mut out, mut at) = (options.spool(), 0);
+            for rows in &self.rows {
+                self.put_vertices(rows, &vertices, at, &mut out)?;
+                at += rows.vertex_bytes;
+            }
+            vertices = out.finish(path)?;
         }
-        drop(vertices);
         let number_at = number_place(&faces).filter(|_| has_materials);
-        at = 0;
-        let face_file = std::mem::replace(&mut self.faces, options.spool()).finish(path)?;
-        for rows in &self.rows {
-            let place = number_at.map(|place| (place, &rows.numbers[..]));
-            self.put_faces((rows, &faces, place), (&face_file, at), &mut out)?;
-            at += rows.face_bytes;
+        let mut face_rows = std::mem::replace(&mut self.faces, options.spool()).finish(path)?;
+        if !self.rows.iter().all(|rows| self.faces_stay(rows, &faces, number_at)) {
+            let (mut out, mut at) = (options.spool(), 0);
+            for rows in &self.rows {
+                let place = number_at.map(|place| (place, &rows.numbers[..]));
+                self.put_faces((rows, &faces, place), (&face_rows, at), &mut out)?;
+                at += rows.face_bytes;
+            }
+            face_rows = out.finish(path)?;
         }
-        drop(face_file);
+        let file = staged_file(path, &header, vertices, face_rows)?;
         let one_format = (self.formats.len() == 1).then(|| self.formats.iter().next().copied());
         let texture_names = self.looks.image_names();
         if let Some(texture) = &mut self.texture
@@ -292,7 +358,7 @@ impl Gathered {
         };
         let mut read = options.read.clone();
         read.temp_dir = Some(options.temp_dir.clone());
-        MeshSource::from_staged(out.finish(path)?, read, staged)
+        Ok((MeshSource::from_staged(file, read, staged)?, borders))
     }
 
     /// Writes the vertices of a part.
@@ -336,63 +402,47 @@ impl Gathered {
     ) -> Result<()> {
         let conversion = self.of_faces.conversion(&rows.faces.properties);
         let has_number = rows.faces.properties.iter().any(|p| p.name == NUMBER);
-        let stays = |numbers: &[i32]| {
-            has_number && !numbers.is_empty() && numbers.iter().zip(0..).all(|(n, old)| *n == old)
-        };
-        let is_same = conversion.is_none() && rows.faces.texture == to.texture;
-        let is_copy = is_same && number.is_none_or(|(_, numbers)| stays(numbers));
-        let value_bytes: usize = rows.faces.properties.iter().map(|p| p.scalar.bytes()).sum();
-        let mut buffer = Vec::new();
+        let layout = RowLayout::of(&rows.faces);
         let mut row = Vec::new();
-        let (mut at, end) = (at, at + rows.face_bytes);
-        while at < end || !buffer.is_empty() {
-            let old = buffer.len();
-            let n = (end - at).min(WINDOW as u64) as usize;
-            buffer.resize(old + n, 0);
-            from.read_exact_at(&mut buffer[old..], at)?;
-            at += n as u64;
-            if is_copy {
-                out.write(&buffer)?;
-                buffer.clear();
-                continue;
+        each_row(from, at..at + rows.face_bytes, layout, |own| {
+            let n = own[0];
+            let [corners, texture, _] = layout.ends(n);
+            row.clear();
+            row.extend_from_slice(&own[..corners]);
+            if rows.faces.texture {
+                row.extend_from_slice(&own[corners..texture]);
+            } else if to.texture {
+                row.push(2 * n);
+                row.resize(row.len() + 8 * usize::from(n), 0);
             }
-            let mut done = 0;
-            while let Some(&n) = buffer.get(done) {
-                let n = usize::from(n);
-                let texture_bytes = if rows.faces.texture { 1 + 8 * n } else { 0 };
-                let [corners, texture] = [1 + 4 * n, 1 + 4 * n + texture_bytes];
-                let Some(own) = buffer.get(done..done + texture + value_bytes) else { break };
-                done += own.len();
-                row.clear();
-                row.extend_from_slice(&own[..corners]);
-                if rows.faces.texture {
-                    row.extend_from_slice(&own[corners..texture]);
-                } else if to.texture {
-                    row.push(2 * n as u8);
-                    row.resize(row.len() + 8 * n, 0);
-                }
-                let values = row.len();
-                match &conversion {
-                    Some(conversion) => conversion.put(&own[texture..], &mut row),
-                    None => row.extend_from_slice(&own[texture..]),
-                }
-                if let Some((place, numbers)) = number {
-                    let place = values + place;
-                    let old = if has_number { read_scalar(Scalar::I32, &row, place) } else { 0.0 };
-                    let new = numbers.get(old as usize).filter(|_| old >= 0.0);
-                    write_scalar(
-                        Scalar::I32,
-                        &mut row,
-                        place,
-                        f64::from(new.copied().unwrap_or(-1)),
-                    );
-                }
-                out.write(&row)?;
+            let values = row.len();
+            match &conversion {
+                Some(conversion) => conversion.put(&own[texture..], &mut row),
+                None => row.extend_from_slice(&own[texture..]),
             }
-            assert!(done > 0 || at < end, "faces are whole rows");
-            buffer.drain(..done);
-        }
-        Ok(())
+            if let Some((place, numbers)) = number {
+                let place = values + place;
+                let old = if has_number { read_scalar(Scalar::I32, &row, place) } else { 0.0 };
+                let new = numbers.get(old as usize).filter(|_| old >= 0.0);
+                write_scalar(
+                    Scalar::I32,
+                    &mut row,
+                    place,
+                    f64::from(new.copied().unwrap_or(-1)),
+                );
+            }
+            out.write(&row)
+        })
+    }
+
+    /// Returns whether the faces of a part are written as they are.
+    fn faces_stay(&self, rows: &Rows, to: &FaceSchema, number: Option<usize>) -> bool {
+        let is_same = self.of_faces.conversion(&rows.faces.properties).is_none()
+            && rows.faces.texture == to.texture;
+        let are_same = |numbers: &[i32]| {
+            !numbers.is_empty() && numbers.iter().zip(0..).all(|(n, old)| *n == old)
+        };
+        is_same && (number.is_none() || are_same(&rows.numbers))
     }
 }
 

@@ -1,6 +1,6 @@
 //! Reads blocks of faces as triangles, however the file holds them.
 
-use super::fixed_faces::{BlockEnd, Decoded};
+use super::fixed_faces::{BlockEnd, Decoded, PLAIN_BYTES, corners4};
 use super::layout::{FaceLayout, explain, index_faces, with_scan};
 use super::placed::Placed;
 use super::rows::{FaceContext, Polygon, RowIndex, face_row, out_of_range};
@@ -133,6 +133,34 @@ impl MeshSource {
                 self.read_face_rows(index, &rows, out)
             }
         }
+    }
+
+    /// Calls `each` with the rows of triangles in turn if they stand in the file as they would in a staged one: a count of one
+    /// byte, three numbers of four, properties. `None` if any does not; then `each` has had rows in vain.
+    pub(crate) fn each_plain_row(
+        &self,
+        mut each: impl FnMut(&mut [u8]) -> Result<()>,
+    ) -> Result<Option<u64>> {
+        let FaceLayout::Fixed { rows, fallback, .. } = &self.layout.faces else { return Ok(None) };
+        let is_built = fallback.lock().unwrap_or_else(PoisonError::into_inner).is_some();
+        let value_bytes: usize = self.face_properties().iter().map(|p| p.scalar.bytes()).sum();
+        let is_mirror = self.placed.as_ref().is_some_and(Placed::is_mirror);
+        let is_plain = rows.is_plain() && rows.stride == PLAIN_BYTES + value_bytes;
+        if is_built || is_mirror || !is_plain || self.bad_vertices.len() > 0 {
+            return Ok(None);
+        }
+        let mut block = Vec::new();
+        for index in 0..self.n_face_blocks() {
+            self.read_fixed_rows(index, &mut block)?;
+            for row in block.chunks_exact_mut(rows.stride) {
+                let corners = corners4(&row[1..], |v| u64::from(u32::from_le_bytes(v)));
+                if row[0] != 3 || corners.iter().any(|&v| v >= self.n_vertices()) {
+                    return Ok(None);
+                }
+                each(row)?;
+            }
+        }
+        Ok(Some(self.n_face_rows()))
     }
 
     /// Reads the bytes of a block of rows of one size; returns the number of rows.

@@ -73,6 +73,13 @@ impl FixedFaces {
         self.counts.len() == 1
     }
 
+    /// Returns whether rows begin as those of a staged file: a count of one byte, corners of four.
+    pub fn is_plain(&self) -> bool {
+        use stonecut_mesh::property::Scalar::{I32, U32};
+        let is_index = matches!(self.index, Wire::Plain(U32 | I32));
+        self.single == Some(0) && is_index && !self.swap
+    }
+
     /// Returns whether the list counts of `row` are those of the layout.
     pub fn matches(&self, row: &[u8]) -> bool {
         if let Some(at) = self.single {
@@ -169,8 +176,12 @@ impl Decoded {
     }
 }
 
+/// Bytes of a row of a staged file before its properties.
+pub const PLAIN_BYTES: usize = 13;
+
+/// Three indices of four bytes.
 #[inline(always)]
-fn corners4(bytes: &[u8], load: impl Fn([u8; 4]) -> u64) -> [u64; 3] {
+pub fn corners4(bytes: &[u8], load: impl Fn([u8; 4]) -> u64) -> [u64; 3] {
     let bytes: &[u8; 12] = bytes[..12].try_into().expect("12 bytes");
     [0, 4, 8].map(|at| load(bytes[at..at + 4].try_into().expect("4 bytes")))
 }

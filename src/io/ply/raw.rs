@@ -27,9 +27,24 @@ pub struct RawFile {
 enum Data {
     File(File),
     Memory(Vec<u8>),
+    /// Files one behind the other, each with its first byte.
+    Chain(Vec<(u64, RawFile)>),
 }
 
 impl RawFile {
+    /// Several files one behind the other as if they were one, under a name for messages.
+    pub fn chain(name: &Path, files: Vec<RawFile>) -> Self {
+        let mut len = 0;
+        let mut placed = Vec::with_capacity(files.len());
+        for file in files {
+            let n_bytes = file.len();
+            placed.push((len, file));
+            len += n_bytes;
+        }
+        let path = name.to_path_buf();
+        RawFile { path, data: Data::Chain(placed), len, ..RawFile::from_bytes("", Vec::new()) }
+    }
+
     /// Opens a regular file; pipes and folders are refused by name.
     pub fn open(path: &Path) -> Result<Self> {
         let file = open_input(path)?;
@@ -126,6 +141,17 @@ impl RawFile {
                 buffer[..n].copy_from_slice(&bytes[start..start + n]);
                 Ok(n)
             }
+            Data::Chain(files) => {
+                let mut filled = 0;
+                let mut i = files.partition_point(|(first, _)| *first <= offset).saturating_sub(1);
+                while let Some((first, file)) = files.get(i).filter(|_| filled < buffer.len()) {
+                    let at = offset + filled as u64 - first;
+                    let n = file.len().saturating_sub(at).min((buffer.len() - filled) as u64);
+                    filled += file.read_at_most(&mut buffer[filled..filled + n as usize], at)?;
+                    i += 1;
+                }
+                Ok(filled)
+            }
             Data::File(file) => {
                 let mut filled = 0;
                 while filled < buffer.len() {
@@ -210,6 +236,9 @@ impl Spool {
 
     /// Appends a whole file of temporary data.
     pub fn append_file(&mut self, from: &RawFile) -> Result<()> {
+        if let Data::Memory(bytes) = &from.data {
+            return self.write(bytes);
+        }
         let mut buffer = vec![0; 1 << 20];
         let mut at = 0;
         while at < from.len() {

@@ -10,6 +10,7 @@ mod neighbours;
 mod rewrite;
 mod survey;
 
+use super::borders::Borders;
 use super::open_options::{StageOptions, Weld, WeldOptions};
 use crate::ply::{MeshSource, WeldReport};
 use stonecut_system::error::Result;
@@ -19,7 +20,7 @@ use survey::Found;
 /// Joins what `options.weld` says; where nothing is to be joined, the source as it is.
 ///
 /// Memory: a third of the stage's for each of three sorts. Disk at peak: about 150 bytes for each vertex at an open edge,
-/// 64 and its properties for every other, and the staged mesh.
+/// 4 for every vertex, and the mesh twice: as it was and as it becomes.
 pub fn weld(source: MeshSource, options: &StageOptions) -> Result<MeshSource> {
     let Some(how) = &options.weld else { return Ok(source) };
     let found = match how.how {
@@ -35,16 +36,20 @@ pub fn weld(source: MeshSource, options: &StageOptions) -> Result<MeshSource> {
     if found.distance <= 0.0 || is_left {
         return Ok(with_note(source, &found));
     }
-    rewrite::join(source, &found, how, options)
+    rewrite::join(source, &found, None, how, options)
 }
 
 /// Joins the borders of parts that were staged as one mesh: exact copies always, others as `options.weld` says.
-pub fn join_parts(source: MeshSource, options: &StageOptions) -> Result<MeshSource> {
+pub fn join_parts(
+    source: MeshSource,
+    borders: &Borders,
+    options: &StageOptions,
+) -> Result<MeshSource> {
     let plain = || WeldOptions { how: Weld::Auto, exact_above: 0, labels: Vec::new() };
     let how = options.weld.clone().unwrap_or_else(plain);
-    let found = survey::of_parts(&source, how.how)?;
+    let found = survey::of_parts(&source, borders, how.how)?;
     let n_parts = source.parts().len();
-    let mut source = rewrite::join(source, &found, &how, options)?;
+    let mut source = rewrite::join(source, &found, Some(borders), &how, options)?;
     let vertices = source.n_vertices();
     let mut report =
         source.weld().cloned().unwrap_or(WeldReport { vertices, ..WeldReport::default() });

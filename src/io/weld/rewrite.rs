@@ -6,10 +6,10 @@
 
 use super::neighbours::Neighbours;
 use super::survey::{Found, each_position};
+use crate::borders::Borders;
 use crate::external_sort::{ExternalSort, halves, whole};
 use crate::open_edges::each_open;
 use crate::open_options::{StageOptions, Weld, WeldOptions};
-use crate::ply::lookup::Lookup;
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::{BLOCK_ROWS, MeshSource, OutputHeader, VertexBlock, WeldReport};
 use crate::restaged::{face_rows, restage};
@@ -21,24 +21,27 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// Words of a vertex by the one that it joins, besides its properties: that one, texture, number, position.
 const OWN_WORDS: usize = 12;
+/// Stands for the vertex itself, behind all others.
+const ITSELF_LAST: [u32; 2] = [u32::MAX; 2];
 
 /// Joins what lies within `found.distance` of each other, at open edges.
 pub(super) fn join(
     source: MeshSource,
     found: &Found,
+    borders: Option<&Borders>,
     how: &WeldOptions,
     options: &StageOptions,
 ) -> Result<MeshSource> {
     let schema = source.schema();
     // Records of a sort have a width that the compiler knows.
     match (schema.record_bytes() - schema.position_bytes()).div_ceil(4) {
-        0 => join_records::<OWN_WORDS>(source, found, how, options),
-        1 => join_records::<{ OWN_WORDS + 1 }>(source, found, how, options),
-        2 => join_records::<{ OWN_WORDS + 2 }>(source, found, how, options),
-        3..=4 => join_records::<{ OWN_WORDS + 4 }>(source, found, how, options),
-        5..=8 => join_records::<{ OWN_WORDS + 8 }>(source, found, how, options),
-        9..=16 => join_records::<{ OWN_WORDS + 16 }>(source, found, how, options),
-        17..=64 => join_records::<{ OWN_WORDS + 64 }>(source, found, how, options),
+        0 => join_records::<OWN_WORDS>(source, found, borders, how, options),
+        1 => join_records::<{ OWN_WORDS + 1 }>(source, found, borders, how, options),
+        2 => join_records::<{ OWN_WORDS + 2 }>(source, found, borders, how, options),
+        3..=4 => join_records::<{ OWN_WORDS + 4 }>(source, found, borders, how, options),
+        5..=8 => join_records::<{ OWN_WORDS + 8 }>(source, found, borders, how, options),
+        9..=16 => join_records::<{ OWN_WORDS + 16 }>(source, found, borders, how, options),
+        17..=64 => join_records::<{ OWN_WORDS + 64 }>(source, found, borders, how, options),
         _ if how.how == Weld::Auto => Ok(source),
         _ => Err(Error::Usage(format!(
             "--weld {}: vertices of {} have more than 256 bytes of properties; give the option up",
@@ -51,23 +54,22 @@ pub(super) fn join(
 fn join_records<const N: usize>(
     source: MeshSource,
     found: &Found,
+    borders: Option<&Borders>,
     how: &WeldOptions,
     options: &StageOptions,
 ) -> Result<MeshSource> {
     let memory_bytes = (options.memory_bytes / 3) as usize;
-    let pairs = pairs(&source, found, memory_bytes, options)?;
-    let (by_first, joined) = by_first::<N>(&source, pairs, how, memory_bytes, options)?;
+    let pairs = pairs(&source, found, borders, memory_bytes, options)?;
+    let (by_first, all, joined) = by_first::<N>(&source, pairs, how, memory_bytes, options)?;
     if joined == 0 {
         return Ok(source);
     }
     let n_before = source.n_vertices();
-    let (vertices, numbers, n_vertices) = vertices(&source, by_first, how, memory_bytes, options)?;
+    let (vertices, numbers, n_vertices) = vertices(&source, (by_first, all), how, memory_bytes, options)?;
     // Refuses numbers of more than 32 bits.
     OutputHeader::new(source.schema().clone(), n_vertices, 0).index_type()?;
-    let mut lookup = Lookup::new(&numbers, 0, 4, |row| {
-        [f64::from(u32::from_le_bytes(row[..4].try_into().expect("4 bytes"))), 0.0, 0.0]
-    });
-    let number = |v: u64| lookup.position(v).map(|[number, ..]| number as u32);
+    let mut numbers = Numbers::new(numbers);
+    let number = |v: u64| numbers.get(v);
     let Some(faces) = face_rows(&source, number, options)? else {
         return match how.how {
             Weld::Auto => Ok(source),
@@ -95,12 +97,15 @@ fn join_records<const N: usize>(
 fn pairs(
     source: &MeshSource,
     found: &Found,
+    borders: Option<&Borders>,
     memory_bytes: usize,
     options: &StageOptions,
 ) -> Result<ExternalSort<10>> {
     let sort = options.sort(memory_bytes);
     let mut neighbours = Neighbours::new(sort, &found.bounds, found.distance);
-    if found.is_loose {
+    if let Some(borders) = borders {
+        borders.each_vertex(source, |v, position| neighbours.push(v, position))?;
+    } else if found.is_loose {
         let mut done = Ok(());
         each_position(source, |v, position| {
             if done.is_ok() {
@@ -125,40 +130,52 @@ fn pairs(
     neighbours.finish(|v, first, position| {
         let ([v0, v1], [f0, f1]) = (halves(v), halves(first));
         let [x, y, z] = position.map(|x| halves(x.to_bits()));
-        pairs.push([v0, v1, f0, f1, x[0], x[1], y[0], y[1], z[0], z[1]])
+        let place = [x[0], x[1], y[0], y[1], z[0], z[1]];
+        let row = |[a0, a1]: [u32; 2], [b0, b1]: [u32; 2]| {
+            let [x0, x1, y0, y1, z0, z1] = place;
+            [a0, a1, b0, b1, x0, x1, y0, y1, z0, z1]
+        };
+        pairs.push(row([v0, v1], [f0, f1]))?;
+        pairs.push(row([f0, f1], ITSELF_LAST))
     })?;
     Ok(pairs)
 }
 
-/// All vertices by the one that they join, themselves if none, and how many join another.
+/// Vertices that are joined by the one that they join, and how many join another; their numbers, ascending.
 fn by_first<const N: usize>(
     source: &MeshSource,
     pairs: ExternalSort<10>,
     how: &WeldOptions,
     memory_bytes: usize,
     options: &StageOptions,
-) -> Result<(ExternalSort<N>, u64)> {
+) -> Result<(ExternalSort<N>, RawFile, u64)> {
     let mut vertices = Vertices {
         source,
         codec: source.schema().kernel_codec(&how.labels),
         texture: Vec::new(),
         channels: Vec::new(),
         block: VertexBlock::default(),
-        next: 0,
+        loaded: None,
         sort: options.sort::<N>(memory_bytes),
     };
     let kinds = vertices.codec.channel_kinds(source.schema());
     vertices.texture = (0..kinds.len()).filter(|&i| kinds[i] == ChannelKind::Texture).collect();
     vertices.channels = vec![0.0; kinds.len()];
-    let mut joined = 0;
+    let (mut joined, mut last) = (0, None);
+    let mut all = options.spool();
     pairs.drain(|[v0, v1, f0, f1, x0, x1, y0, y1, z0, z1]| {
         let v = whole(v0, v1);
-        joined += 1;
-        vertices.put_up_to(v)?;
-        vertices.put(v, [f0, f1], Some([x0, x1, y0, y1, z0, z1]))
+        // One that others join comes once for each of them.
+        if last.replace(v) == Some(v) {
+            return Ok(());
+        }
+        let is_itself = [f0, f1] == ITSELF_LAST;
+        joined += u64::from(!is_itself);
+        all.write(&v.to_le_bytes())?;
+        let first = if is_itself { [v0, v1] } else { [f0, f1] };
+        vertices.put(v, first, [x0, x1, y0, y1, z0, z1])
     })?;
-    vertices.put_up_to(source.n_vertices())?;
-    Ok((vertices.sort, joined))
+    Ok((vertices.sort, all.finish(source.path())?, joined))
 }
 
 /// Sends vertices on in the order of their numbers.
@@ -169,25 +186,16 @@ struct Vertices<'a, const N: usize> {
     texture: Vec<usize>,
     channels: Vec<f32>,
     block: VertexBlock,
-    next: u64,
+    loaded: Option<u64>,
     sort: ExternalSort<N>,
 }
 
 impl<const N: usize> Vertices<'_, N> {
-    /// Sends those that join none.
-    fn put_up_to(&mut self, end: u64) -> Result<()> {
-        while self.next < end {
-            let v = self.next;
-            self.put(v, halves(v), None)?;
+    fn put(&mut self, v: u64, first: [u32; 2], place: [u32; 6]) -> Result<()> {
+        let index = v / BLOCK_ROWS;
+        if self.loaded.replace(index) != Some(index) {
+            self.source.read_vertices(index, &mut self.block)?;
         }
-        Ok(())
-    }
-
-    fn put(&mut self, v: u64, first: [u32; 2], place: Option<[u32; 6]>) -> Result<()> {
-        if v.is_multiple_of(BLOCK_ROWS) {
-            self.source.read_vertices(v / BLOCK_ROWS, &mut self.block)?;
-        }
-        self.next = v + 1;
         let schema = self.source.schema();
         let bytes = schema.record_bytes();
         let record = &self.block.records[(v % BLOCK_ROWS) as usize * bytes..][..bytes];
@@ -203,10 +211,6 @@ impl<const N: usize> Vertices<'_, N> {
             [row[2], row[3]] = halves(xxh3_64(&key));
         }
         [row[4], row[5]] = halves(v);
-        let place = place.unwrap_or_else(|| {
-            let [x, y, z] = schema.position(record).map(|x| halves(x.to_bits()));
-            [x[0], x[1], y[0], y[1], z[0], z[1]]
-        });
         row[6..OWN_WORDS].copy_from_slice(&place);
         let properties = &record[schema.position_bytes()..];
         let values = bytemuck::cast_slice_mut::<u32, u8>(&mut row[OWN_WORDS..]);
@@ -216,33 +220,166 @@ impl<const N: usize> Vertices<'_, N> {
 }
 
 /// The new vertices, the new number of each old one (4 bytes each), and the number of new ones.
+///
+/// New vertices come in the order of the first of each; those that are not joined are copied as they are.
 fn vertices<const N: usize>(
     source: &MeshSource,
-    by_first: ExternalSort<N>,
+    (by_first, joined): (ExternalSort<N>, RawFile),
     how: &WeldOptions,
     memory_bytes: usize,
     options: &StageOptions,
 ) -> Result<(RawFile, RawFile, u64)> {
     let mut mixer = Mixer::new(source, how, options.spool());
-    let mut by_vertex = options.sort::<3>(memory_bytes);
+    let mut rest = Rest::new(source, joined);
+    let mut by_vertex = options.sort::<4>(memory_bytes);
     let (mut n_vertices, mut last) = (0u64, None);
+    // Files of more vertices than 32 bits can count are refused when their header is written.
     by_first.drain(|row| {
         let own: [u32; 4] = std::array::from_fn(|i| row[i]);
         if last != Some(own) {
             mixer.put()?;
+            let first = whole(own[0], own[1]);
+            if rest.next <= first {
+                let [v0, v1] = halves(rest.next);
+                by_vertex.push([v0, v1, COUNTED_FROM, n_vertices as u32])?;
+                n_vertices += rest.copy_up_to(first, &mut mixer.out)?;
+                rest.next = first + 1;
+            }
             last = Some(own);
             n_vertices += 1;
         }
         let place: Vec3 = [6, 8, 10].map(|i| f64::from_bits(whole(row[i], row[i + 1])));
         mixer.add(place, bytemuck::cast_slice(&row[OWN_WORDS..]));
-        // Files of more vertices than that are refused when their header is written.
-        by_vertex.push([row[4], row[5], (n_vertices - 1) as u32])
+        by_vertex.push([row[4], row[5], ITSELF, (n_vertices - 1) as u32])
     })?;
     mixer.put()?;
-    let mut numbers = options.spool();
-    by_vertex.drain(|[_, _, number]| numbers.write(&number.to_le_bytes()))?;
+    let [v0, v1] = halves(rest.next);
+    by_vertex.push([v0, v1, COUNTED_FROM, n_vertices as u32])?;
+    n_vertices += rest.copy_up_to(source.n_vertices(), &mut mixer.out)?;
+    let (mut numbers, mut v, mut number) = (options.spool(), 0, 0u32);
+    let mut count_up_to = |end: u64, number: &mut u32, numbers: &mut Spool| {
+        while v < end {
+            numbers.write(&number.to_le_bytes())?;
+            (v, *number) = (v + 1, number.wrapping_add(1));
+        }
+        Ok::<u64, Error>(v)
+    };
+    by_vertex.drain(|[v0, v1, kind, own]| {
+        let at = whole(v0, v1);
+        count_up_to(at, &mut number, &mut numbers)?;
+        if kind == COUNTED_FROM {
+            number = own;
+            return Ok(());
+        }
+        let after = number;
+        number = own;
+        count_up_to(at + 1, &mut number, &mut numbers)?;
+        number = after;
+        Ok(())
+    })?;
+    count_up_to(source.n_vertices(), &mut number, &mut numbers)?;
     let path = source.path();
     Ok((mixer.out.finish(path)?, numbers.finish(path)?, n_vertices))
+}
+
+/// Kinds of numbers: that of the next vertex that is not joined, that of this vertex.
+const COUNTED_FROM: u32 = 0;
+const ITSELF: u32 = 1;
+
+/// Vertices that are not joined.
+struct Rest<'a> {
+    source: &'a MeshSource,
+    /// Numbers of those that are, and how many of them are passed.
+    joined: RawFile,
+    n_passed: u64,
+    window: Vec<u64>,
+    window_at: Option<u64>,
+    block: VertexBlock,
+    loaded: Option<u64>,
+    /// The first that is not copied yet.
+    next: u64,
+}
+
+impl<'a> Rest<'a> {
+    fn new(source: &'a MeshSource, joined: RawFile) -> Rest<'a> {
+        let (window, block) = (Vec::new(), VertexBlock::default());
+        Rest { source, joined, n_passed: 0, window, window_at: None, block, loaded: None, next: 0 }
+    }
+
+    /// The first joined vertex from `next` on.
+    fn next_joined(&mut self) -> Result<Option<u64>> {
+        const AT_ONCE: u64 = 1 << 14;
+        let n = self.joined.len() / 8;
+        while self.n_passed < n {
+            let start = self.n_passed / AT_ONCE * AT_ONCE;
+            if self.window_at.replace(start) != Some(start) {
+                self.window.resize((n - start).min(AT_ONCE) as usize, 0);
+                self.joined.read_exact_at(bytemuck::cast_slice_mut(&mut self.window), 8 * start)?;
+            }
+            let v = self.window[(self.n_passed - start) as usize];
+            if v >= self.next {
+                return Ok(Some(v));
+            }
+            self.n_passed += 1;
+        }
+        Ok(None)
+    }
+
+    /// Copies those up to a vertex; returns how many.
+    fn copy_up_to(&mut self, end: u64, out: &mut Spool) -> Result<u64> {
+        let n_bytes = self.source.schema().record_bytes();
+        let mut n = 0;
+        while self.next < end {
+            let joined = self.next_joined()?;
+            if joined == Some(self.next) {
+                self.next += 1;
+                continue;
+            }
+            let index = self.next / BLOCK_ROWS;
+            if self.loaded.replace(index) != Some(index) {
+                self.source.read_vertices(index, &mut self.block)?;
+            }
+            let stop = joined.unwrap_or(end).min(end).min((index + 1) * BLOCK_ROWS);
+            let from = (self.next - index * BLOCK_ROWS) as usize * n_bytes;
+            let to = (stop - index * BLOCK_ROWS) as usize * n_bytes;
+            out.write(&self.block.records[from..to])?;
+            n += stop - self.next;
+            self.next = stop;
+        }
+        Ok(n)
+    }
+}
+
+/// New numbers of vertices, some pages of which are in memory.
+struct Numbers {
+    file: RawFile,
+    pages: Vec<(u64, Vec<u32>)>,
+}
+
+impl Numbers {
+    /// Pages kept, and numbers of each: 4 MiB in all.
+    const PAGES: u64 = 1024;
+    const ROWS: u64 = 1024;
+
+    fn new(file: RawFile) -> Numbers {
+        Numbers { file, pages: vec![(u64::MAX, Vec::new()); Self::PAGES as usize] }
+    }
+
+    #[inline]
+    fn get(&mut self, v: u64) -> Result<u32> {
+        let page = v / Self::ROWS;
+        let (kept, rows) = &mut self.pages[(page % Self::PAGES) as usize];
+        if *kept != page {
+            // A page that failed to load must not be taken for a loaded one.
+            *kept = u64::MAX;
+            let at = 4 * page * Self::ROWS;
+            let n = (self.file.len() - at).min(4 * Self::ROWS) as usize;
+            rows.resize(n / 4, 0);
+            self.file.read_exact_at(bytemuck::cast_slice_mut(rows), at)?;
+            *kept = page;
+        }
+        Ok(rows[(v % Self::ROWS) as usize])
+    }
 }
 
 /// Makes one record of those that are joined: numbers are averaged, labels are the first's.

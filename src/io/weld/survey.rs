@@ -4,6 +4,7 @@
 //! every scan. Otherwise one pass takes all vertices of some cells of a fine grid, chosen by hash, and looks for the
 //! nearest other vertex of each.
 
+use crate::borders::Borders;
 use crate::open_edges::open_among;
 use crate::open_options::Weld;
 use crate::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
@@ -87,7 +88,7 @@ pub(super) fn survey(source: &MeshSource) -> Result<Option<Found>> {
         return Ok(None);
     }
     let Some(edges) = edges(source)? else { return Ok(None) };
-    let mut sample = Sample::take(source, edges.middle)?;
+    let mut sample = Sample::take(n_vertices, edges.middle, |each| each_position(source, each))?;
     let limit = sample.limit(source, &edges);
     if !is_loose {
         // Copies in exactly one place are the kernel's; what an edge connects is a small triangle.
@@ -142,25 +143,34 @@ pub(super) fn asked(source: &MeshSource, distance: f64) -> Result<Found> {
 
 /// Distance for the borders of parts: copies in different files are as far apart as their digits or quantisation make them,
 /// which a sample of the vertices at open edges shows.
-pub(super) fn of_parts(source: &MeshSource, how: Weld) -> Result<Found> {
-    let mut found = asked(source, f64::INFINITY)?;
-    found.distance = match how {
+pub(super) fn of_parts(source: &MeshSource, borders: &Borders, how: Weld) -> Result<Found> {
+    let mut bounds = Bounds::EMPTY;
+    borders.each_vertex(source, |_, position| {
+        bounds.add(position);
+        Ok(())
+    })?;
+    let found = Found { bounds, ..Found::default() };
+    let Some(edges) = edges(source)? else { return Ok(found) };
+    let distance = match how {
         Weld::Off => 0.0,
-        Weld::Distance(distance) => distance.min(found.distance),
+        Weld::Distance(distance) => distance.min(ASKED_SHARE_OF_EDGE * edges.middle),
         Weld::Auto => {
-            let Some(edges) = edges(source)? else { return Ok(found) };
             let limit = PARTS_SHARE_OF_EDGE * edges.short;
-            let mut sample = Sample::take(source, edges.middle)?;
-            sample.keep(&open_among(source, &sample.ids())?);
+            let sample = Sample::take(borders.n_vertices(), edges.middle, |each| {
+                borders.each_vertex(source, |v, position| {
+                    each(v, position);
+                    Ok(())
+                })
+            })?;
             let mut near: Vec<f64> =
                 sample.nearest(0.5 * limit).into_iter().map(|(_, d)| d).collect();
             near.sort_by(f64::total_cmp);
             let far = near.get(near.len() * 98 / 100).copied().unwrap_or(0.0);
-            let of_type = 4.0 * source.schema().rounding() * largest(&found.bounds);
+            let of_type = 4.0 * source.schema().rounding() * largest(&bounds);
             (PARTS_SPREAD * far).max(of_type).min(limit)
         }
     };
-    Ok(found)
+    Ok(Found { distance, ..found })
 }
 
 /// Calls `each` with every vertex and its position.
@@ -208,11 +218,16 @@ struct Sample {
 }
 
 impl Sample {
-    fn take(source: &MeshSource, edge: f64) -> Result<Sample> {
-        let one_in = source.n_vertices().div_ceil(SAMPLE).max(1);
+    /// Of `n` vertices that `all` passes to what it is given.
+    fn take(
+        n: u64,
+        edge: f64,
+        all: impl FnOnce(&mut dyn FnMut(u64, Vec3)) -> Result<()>,
+    ) -> Result<Sample> {
+        let one_in = n.div_ceil(SAMPLE).max(1);
         let side = 4.0 * edge;
         let (mut vertices, mut bounds) = (Vec::new(), Bounds::EMPTY);
-        each_position(source, |v, position| {
+        all(&mut |v, position| {
             bounds.add(position);
             let cell = position.map(|x| ((x / side).floor() as i64).to_le_bytes());
             let hash = xxh3_64(cell.as_flattened());

@@ -150,6 +150,7 @@ pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
     let disk = staging.clone();
     let stage = StageOptions { read, disk, ..StageOptions::new(folder_of(&config.job_folder)) };
     let mut stage = stage.within(config.memory_bytes);
+    stage.threads = config.threads;
     let (how, exact_above) = (config.weld, config.tile_triangles);
     stage.weld = Some(WeldOptions { how, exact_above, labels: Vec::new() });
     let source = MeshSource::open_staged(&config.input, &stage);

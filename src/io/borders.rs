@@ -1,0 +1,199 @@
+//! Open edges of meshes that become one, and the vertices at them: all that joining looks at.
+//!
+//! Found for each part while its rows are at hand, so that nothing is read again. Memory: 4 bytes for each vertex of a part,
+//! within windows.
+
+use super::external_sort::{ExternalSort, halves, whole};
+use super::open_edges::hash;
+use super::open_options::StageOptions;
+use super::restaged::{RowLayout, corner, each_row};
+use crate::ply::MeshSource;
+use crate::ply::lookup::Lookup;
+use crate::ply::raw::{RawFile, Spool};
+use stonecut_mesh::property::Scalar;
+use stonecut_mesh::record::VertexSchema;
+use stonecut_mesh::vec3::Vec3;
+use stonecut_system::error::Result;
+
+/// Vertices at once at least.
+const LEAST_WINDOW: u64 = 1 << 20;
+
+/// An open edge of a face.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct OpenEdge {
+    /// In the sense of the face.
+    pub ends: [u64; 2],
+    /// The face, and the corner at which the edge begins.
+    pub row: u64,
+    pub corner: u8,
+}
+
+/// Open edges on their way.
+pub(crate) struct BorderSpools {
+    /// Number and position of each vertex, ascending.
+    vertices: Spool,
+    edges: Spool,
+}
+
+/// Open edges of a mesh and the vertices at them.
+pub(crate) struct Borders {
+    vertices: RawFile,
+    edges: RawFile,
+}
+
+impl BorderSpools {
+    pub fn new(options: &StageOptions) -> BorderSpools {
+        BorderSpools { vertices: options.spool(), edges: options.spool() }
+    }
+
+    /// Appends the borders of a part, whose vertices and faces come behind all others.
+    pub fn append(&mut self, part: &Borders, first_vertex: u64, first_row: u64) -> Result<()> {
+        each_record(&part.vertices, |[v, x, y, z]| {
+            self.vertices.write(bytemuck::bytes_of(&[v + first_vertex, x, y, z]))
+        })?;
+        each_record(&part.edges, |[ends, place]| {
+            let both = first_vertex << 32 | first_vertex;
+            self.edges.write(bytemuck::bytes_of(&[ends + both, place + (first_row << 8)]))
+        })
+    }
+
+    pub fn finish(self, source: &std::path::Path) -> Result<Borders> {
+        Ok(Borders { vertices: self.vertices.finish(source)?, edges: self.edges.finish(source)? })
+    }
+}
+
+impl Borders {
+    /// Borders of a part, whose faces stand in `rows`; all numbers are below 2^32.
+    pub fn of(
+        (vertices, schema): (&RawFile, &VertexSchema),
+        (rows, layout): (&RawFile, RowLayout),
+        options: &StageOptions,
+    ) -> Result<Borders> {
+        let n_bytes = schema.record_bytes() as u64;
+        let n_vertices = vertices.len() / n_bytes;
+        let at_once = (options.memory_bytes / 12).max(LEAST_WINDOW);
+        let mut out = BorderSpools::new(options);
+        let mut positions = Lookup::new(vertices, 0, n_bytes, |row| schema.position(row));
+        let mut first = 0;
+        while first < n_vertices {
+            let end = (first + at_once).min(n_vertices);
+            let mut sums = vec![0u32; (end - first) as usize];
+            each_row(rows, 0..rows.len(), layout, |row| {
+                each_side(row, |_, [a, b]| {
+                    let hash = hash(a, b);
+                    for v in [a, b] {
+                        if let Some(sum) = sums.get_mut(v.wrapping_sub(first) as usize) {
+                            *sum ^= hash;
+                        }
+                    }
+                    Ok(())
+                })
+            })?;
+            let mut sides = options.sort::<4>((options.memory_bytes / 3) as usize);
+            let mut number = 0u64;
+            // Of sides that lead out of the window only the lower end is known.
+            let may_be_open = |v: u64| sums.get(v.wrapping_sub(first) as usize) != Some(&0);
+            each_row(rows, 0..rows.len(), layout, |row| {
+                each_side(row, |i, [a, b]| {
+                    let low = a.min(b);
+                    if (first..end).contains(&low) && may_be_open(a) && may_be_open(b) {
+                        let place = number << 8 | (i as u64) << 1 | u64::from(a > b);
+                        let [p, q] = halves(place);
+                        return sides.push([low as u32, a.max(b) as u32, p, q]);
+                    }
+                    Ok(())
+                })?;
+                number += 1;
+                Ok(())
+            })?;
+            out.put_open(sides)?;
+            for (v, _) in (first..).zip(&sums).filter(|(_, sum)| **sum != 0) {
+                let place = positions.position(v)?.map(f64::to_bits);
+                out.vertices.write(bytemuck::bytes_of(&[v, place[0], place[1], place[2]]))?;
+            }
+            first = end;
+        }
+        out.finish(vertices.path())
+    }
+
+    pub fn n_vertices(&self) -> u64 {
+        self.vertices.len() / 32
+    }
+
+    /// Calls `each` with every vertex at an open edge and its place in `source`, which all parts became; ascending.
+    pub fn each_vertex(
+        &self,
+        source: &MeshSource,
+        mut each: impl FnMut(u64, Vec3) -> Result<()>,
+    ) -> Result<()> {
+        let is_float = source.schema().coordinate == Scalar::F32;
+        each_record(&self.vertices, |[v, x, y, z]| {
+            let place = source.placed_point([x, y, z].map(f64::from_bits));
+            each(v, if is_float { place.map(|x| f64::from(x as f32)) } else { place })
+        })
+    }
+
+    /// Calls `each` with every open edge; part by part.
+    pub fn each_edge(&self, mut each: impl FnMut(OpenEdge) -> Result<()>) -> Result<()> {
+        each_record(&self.edges, |[ends, place]| {
+            let ends = [ends >> 32, ends & u64::from(u32::MAX)];
+            each(OpenEdge { ends, row: place >> 8, corner: place as u8 })
+        })
+    }
+}
+
+impl BorderSpools {
+    /// Writes the sides that an odd number of faces have.
+    fn put_open(&mut self, sides: ExternalSort<4>) -> Result<()> {
+        let (mut last, mut n) = (None::<[u32; 4]>, 0);
+        let mut put = |side: Option<[u32; 4]>, n: u64| {
+            let Some([low, high, p, q]) = side.filter(|_| n % 2 == 1) else { return Ok(()) };
+            let place = whole(p, q);
+            let (a, b) = if place & 1 == 1 { (high, low) } else { (low, high) };
+            let place = place >> 8 << 8 | (place & 0xff) >> 1;
+            self.edges.write(bytemuck::bytes_of(&[whole(a, b), place]))
+        };
+        sides.drain(|side| {
+            if last.is_some_and(|last| last[..2] == side[..2]) {
+                n += 1;
+                return Ok(());
+            }
+            put(last, n)?;
+            (last, n) = (Some(side), 1);
+            Ok(())
+        })?;
+        put(last, n)
+    }
+}
+
+/// Calls `each` with the sides of a face: the corner at which each begins, and its ends.
+#[inline(always)]
+fn each_side(row: &[u8], mut each: impl FnMut(usize, [u64; 2]) -> Result<()>) -> Result<()> {
+    let n = usize::from(row[0]);
+    let Some(last) = n.checked_sub(1) else { return Ok(()) };
+    let mut from = u64::from(corner(row, last));
+    let mut at = last;
+    for i in 0..n {
+        let to = u64::from(corner(row, i));
+        each(at, [from, to])?;
+        (from, at) = (to, i);
+    }
+    Ok(())
+}
+
+/// Calls `each` with the records of a file in turn.
+fn each_record<const N: usize>(
+    file: &RawFile,
+    mut each: impl FnMut([u64; N]) -> Result<()>,
+) -> Result<()> {
+    let mut buffer = vec![[0u64; N]; 1 << 12];
+    let n_bytes = 8 * N as u64;
+    let (mut at, n) = (0, file.len() / n_bytes);
+    while at < n {
+        let n_now = (n - at).min(buffer.len() as u64) as usize;
+        file.read_exact_at(bytemuck::cast_slice_mut(buffer[..n_now].as_flattened_mut()), at * n_bytes)?;
+        buffer[..n_now].iter().try_for_each(|record| each(*record))?;
+        at += n_now as u64;
+    }
+    Ok(())
+}
