@@ -191,7 +191,10 @@ fn each_record<const N: usize>(
     let (mut at, n) = (0, file.len() / n_bytes);
     while at < n {
         let n_now = (n - at).min(buffer.len() as u64) as usize;
-        file.read_exact_at(bytemuck::cast_slice_mut(buffer[..n_now].as_flattened_mut()), at * n_bytes)?;
+        file.read_exact_at(
+            bytemuck::cast_slice_mut(buffer[..n_now].as_flattened_mut()),
+            at * n_bytes,
+        )?;
         buffer[..n_now].iter().try_for_each(|record| each(*record))?;
         at += n_now as u64;
     }

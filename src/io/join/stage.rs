@@ -15,9 +15,7 @@ use crate::open_options::StageOptions;
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::source::Staged;
 use crate::ply::{FaceSchema, MeshSource, OutputHeader, PartReport, TextureInfo, VertexBlock};
-use crate::restaged::{
-    FaceRows, RowLayout, corner, each_row, face_rows, set_corner, staged_file,
-};
+use crate::restaged::{FaceRows, RowLayout, corner, each_row, face_rows, set_corner, staged_file};
 use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
@@ -96,7 +94,8 @@ pub(crate) fn stage(input: &InputPaths, options: &StageOptions) -> Result<(MeshS
     share.parse_bytes /= threads as u64;
     let is_small = |part: &MeshPart| {
         let n_bytes = std::fs::metadata(&part.path).map_or(u64::MAX, |file| file.len());
-        part.bytes.as_ref().map_or(n_bytes, |b| b.end - b.start) <= options.memory_bytes / SMALL_PART
+        part.bytes.as_ref().map_or(n_bytes, |b| b.end - b.start)
+            <= options.memory_bytes / SMALL_PART
     };
     let mut take = |part: &MeshPart, ahead: Option<ReadPart>| {
         // Large ones are read by themselves, and so are those that went wrong: less memory may have been the reason.
@@ -133,7 +132,8 @@ pub(crate) fn stage(input: &InputPaths, options: &StageOptions) -> Result<(MeshS
 fn read_part(part: &MeshPart, options: &StageOptions) -> Result<ReadPart> {
     let source = open(part, options)?;
     let Some(faces) = face_rows(&source, |v| Ok(v as u32), options)? else {
-        let what = "a face of more than 127 corners cannot be joined with other files; convert it first";
+        let what =
+            "a face of more than 127 corners cannot be joined with other files; convert it first";
         return Err(Error::bad_input(source.path(), what));
     };
     let (vertices, bounds) = vertices_of(&source, options)?;
@@ -424,12 +424,7 @@ impl Gathered {
                 let place = values + place;
                 let old = if has_number { read_scalar(Scalar::I32, &row, place) } else { 0.0 };
                 let new = numbers.get(old as usize).filter(|_| old >= 0.0);
-                write_scalar(
-                    Scalar::I32,
-                    &mut row,
-                    place,
-                    f64::from(new.copied().unwrap_or(-1)),
-                );
+                write_scalar(Scalar::I32, &mut row, place, f64::from(new.copied().unwrap_or(-1)));
             }
             out.write(&row)
         })

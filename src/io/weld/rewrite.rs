@@ -65,7 +65,8 @@ fn join_records<const N: usize>(
         return Ok(source);
     }
     let n_before = source.n_vertices();
-    let (vertices, numbers, n_vertices) = vertices(&source, (by_first, all), how, memory_bytes, options)?;
+    let (vertices, numbers, n_vertices) =
+        vertices(&source, (by_first, all), how, memory_bytes, options)?;
     // Refuses numbers of more than 32 bits.
     OutputHeader::new(source.schema().clone(), n_vertices, 0).index_type()?;
     let mut numbers = Numbers::new(numbers);
