@@ -22,6 +22,9 @@ const APART: f64 = 0.25;
 const SMALL: f64 = 0.125;
 /// Passes at most; each halves the largest triangles.
 const PASSES: usize = 64;
+/// Passes end where fewer than one in this number of the vertices is new: what one pass halves at the tip of a cone, the next
+/// one joins, for ever.
+const LEAST_ADDED: usize = 1000;
 
 impl Surface {
     /// True if halving all edges longer than `longest` would make many times the triangles of an even surface.
@@ -39,23 +42,24 @@ impl Surface {
         n_pieces > MOST_PIECES * (self.triangles.len() as f64 + even)
     }
 
-    /// Joins vertices that are near each other and halves triangles that are large, in turn, until none is.
+    /// Joins vertices that are near each other and halves triangles that are large, in turn, until hardly any is. Returns the
+    /// passes that takes.
     pub(super) fn cut_needles(
         &mut self,
         longest: f64,
         most: u64,
         progress: &Progress,
-    ) -> Result<Result<(), TooMany>> {
-        for _ in 0..PASSES {
+    ) -> Result<Result<usize, TooMany>> {
+        for pass in 1..=PASSES {
             progress.check()?;
             self.join_near(APART * longest);
             match self.halve_large(longest, most) {
-                Ok(true) => {}
-                Ok(false) => break,
+                Ok(n_added) if n_added * LEAST_ADDED > self.positions.len() => {}
+                Ok(_) => return Ok(Ok(pass)),
                 Err(TooMany) => return Ok(Err(TooMany)),
             }
         }
-        Ok(Ok(()))
+        Ok(Ok(PASSES))
     }
 
     /// Squared lengths of the edges of a triangle, each from the corner of its number.
@@ -91,8 +95,8 @@ impl Surface {
         self.triangles.retain(|&[a, b, c]| a != b && b != c && c != a);
     }
 
-    /// Halves the longest edge of each large triangle, once; false if there is none.
-    fn halve_large(&mut self, longest: f64, most: u64) -> Result<bool, TooMany> {
+    /// Halves the longest edge of each large triangle, once. Returns how many vertices that adds.
+    fn halve_large(&mut self, longest: f64, most: u64) -> Result<usize, TooMany> {
         let most = most.min(u64::from(u32::MAX) / 6);
         let key = |v: u32, w: u32| u64::from(v.min(w)) << 32 | u64::from(v.max(w));
         count(self.triangles.len());
@@ -127,7 +131,7 @@ impl Surface {
             return Err(TooMany);
         }
         self.triangles = fine;
-        Ok(self.positions.len() > n_before)
+        Ok(self.positions.len() - n_before)
     }
 }
 
@@ -135,6 +139,22 @@ impl Surface {
 mod tests {
     use super::*;
     use stonecut_mesh::vec3::Vec3;
+
+    /// Two cones with one rim. The last of 14 passes had added a handful of vertices each; with other numbers that went on for ever.
+    #[test]
+    fn passes_end_where_they_add_next_to_nothing() {
+        let n = 500;
+        let rim = (0..n).map(|i| {
+            let (y, x) = (std::f64::consts::TAU * f64::from(i) / f64::from(n)).sin_cos();
+            [x, y, 0.0]
+        });
+        let positions = [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]].into_iter().chain(rim).collect();
+        let around = |i: u32| [[0, 2 + i, 2 + (i + 1) % n], [1, 2 + (i + 1) % n, 2 + i]];
+        let mut bicone = Surface::new(positions, (0..n).flat_map(around).collect());
+        let n_passes = bicone.cut_needles(0.025, 200_000, &Progress::default()).unwrap().unwrap();
+        assert!(n_passes < 13, "{n_passes}");
+        assert!((50_000..200_000).contains(&bicone.ends.len()), "{}", bicone.ends.len());
+    }
 
     /// A strip of needles takes about as many vertices as a square of two triangles, and is as large.
     ///
