@@ -13,8 +13,8 @@ use stonecut_mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub, triangl
 /// Each probe stands for this many triangles, within `N_PROBES`.
 const TRIANGLES_PER_PROBE: usize = 512;
 const N_PROBES: std::ops::RangeInclusive<usize> = 512..=4096;
-/// On the way, one probe in this many is looked at.
-pub(crate) const STEP_ON_THE_WAY: usize = 4;
+/// On the way no more probes than these are looked at.
+const PROBES_ON_THE_WAY: usize = 1024;
 /// Mergers in a row that a probe follows; removed vertices lead nowhere.
 const LONGEST_WAY: usize = 4096;
 /// The farthest probe of this many is left out: what it lay on was removed, or it went astray.
@@ -163,8 +163,13 @@ impl Probes {
         }
     }
 
-    /// Sums up how far the probes are from the surface; `removed_error` is that of removed components. On the
-    /// way, a quarter of them is enough.
+    /// Every so many probes are enough on the way. In small meshes it is each one, so that a run which goes farther has
+    /// seen what one that ends here sees, and judges no better.
+    pub(crate) fn step_on_the_way(&self) -> usize {
+        self.0.len().div_ceil(PROBES_ON_THE_WAY).max(1)
+    }
+
+    /// Sums up how far the probes are from the surface, of every `step`-th; `removed_error` is that of removed components.
     pub(crate) fn sum_up(&mut self, surface: &Surface, removed_error: f64, step: usize) -> Quality {
         self.follow(&surface.rings);
         let mut quality = Quality::default();

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
 use crate::common::meshes::halves;
-use crate::common::{expect, report, write_ply};
+use crate::common::{expect, report, run, write_ply};
 use stonecut::mesh::property::Scalar;
 
 #[test]
@@ -67,4 +67,18 @@ fn a_run_that_was_continued_reports_all_of_its_time_and_disk() {
     let n = report["input"]["triangles"].as_f64().unwrap();
     let rate = report["triangles_per_second"].as_f64().unwrap();
     assert!(rate * seconds <= 1.001 * n, "{rate} for {seconds} s");
+}
+
+/// A run that goes farther sees other surfaces on its way than those at which shorter runs end.
+#[test]
+fn fewer_triangles_of_a_sponge_are_never_judged_better() {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth gyroid in.ply --triangles 30k", 0);
+    let mut judged = Vec::new();
+    for n in [10, 30, 50, 100, 200, 1000] {
+        let words = format!("simplify in.ply out.ply --triangles {n} --report r.json --force");
+        run(folder.path(), &words);
+        judged.push(report(folder.path())["quality"]["bearable"].as_bool().unwrap());
+    }
+    assert!(judged.is_sorted() && !judged[0] && judged[5], "{judged:?}");
 }

@@ -11,7 +11,7 @@ use crate::followed::Followed;
 use crate::history::History;
 use crate::interrupt::Interrupt;
 use crate::options::Topology;
-use crate::quality::{Probes, QualityAt, STEP_ON_THE_WAY};
+use crate::quality::{Probes, QualityAt};
 use crate::repair::clean::Cleaned;
 use crate::repair::make_manifold::{self, Mended};
 use crate::simd::Simd;
@@ -177,7 +177,8 @@ impl Driver {
     pub(super) fn note_quality(&mut self) {
         if let Some(probes) = &mut self.probes {
             let removed_error = self.changes.removed_error;
-            let quality = probes.sum_up(&self.state.surface, removed_error, STEP_ON_THE_WAY);
+            let step = probes.step_on_the_way();
+            let quality = probes.sum_up(&self.state.surface, removed_error, step);
             self.curve.push(QualityAt { triangles: self.state.surface.n_alive, quality });
         }
     }
