@@ -2,7 +2,6 @@
 
 use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_length, parse_memory};
-use super::log::EXIT_SHORT;
 use super::placing::numbers;
 use super::session::{Command, Session};
 use crate::error::{Error, Result};
@@ -83,7 +82,7 @@ impl Command for Args {
     }
 
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {
-        extract_mesh(self, session).map(|code| CommandEnd { code, ..CommandEnd::plain() })
+        extract_mesh(self, session)
     }
 }
 
@@ -105,8 +104,8 @@ impl Args {
     }
 }
 
-/// Extracts the mesh and gives the exit code.
-fn extract_mesh(args: &Args, session: &mut Session) -> Result<u8> {
+/// Extracts the mesh.
+fn extract_mesh(args: &Args, session: &mut Session) -> Result<CommandEnd> {
     let progress = session.progress;
     let config = args.config();
     if let (Wanted::MaxError(outside), Some((_, inside))) = (config.wanted, config.inside)
@@ -131,16 +130,16 @@ fn extract_mesh(args: &Args, session: &mut Session) -> Result<u8> {
     ));
     if !done.reached {
         log.say("the number of triangles was not met: what lies in the box stays, or no edge is left that may be collapsed".to_owned());
-        return Ok(EXIT_SHORT);
+        return CommandEnd::of(&done, true);
     }
     if done.is_coarser {
         log.say(format!(
             "the finest tiles are up to {:.3e} from the input, more than was asked for: positions in tiles are rounded, or the tree was made with --finest",
             done.deviation
         ));
-        return Ok(EXIT_SHORT);
+        return CommandEnd::of(&done, true);
     }
-    Ok(0)
+    CommandEnd::whole(&done)
 }
 
 #[cfg(test)]

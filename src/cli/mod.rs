@@ -227,8 +227,19 @@ impl Typed {
 
     /// True if a caller in the same process can run it, too.
     fn is_callable(&self) -> bool {
-        use Typed::{Convert, Info, Measure, Render, Simplify, Synth};
-        matches!(self, Simplify(_) | Measure(_) | Info(_) | Convert(_) | Render(_) | Synth(_))
+        use Typed::{Compare, Convert, Extract, Info, Measure, Render, Simplify, Synth, Tiles};
+        matches!(
+            self,
+            Simplify(_)
+                | Measure(_)
+                | Info(_)
+                | Convert(_)
+                | Render(_)
+                | Synth(_)
+                | Tiles(_)
+                | Extract(_)
+                | Compare(_)
+        )
     }
 }
 

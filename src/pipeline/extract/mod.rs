@@ -54,7 +54,7 @@ pub struct ExtractConfig {
 }
 
 /// Outcome of a run.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Extracted {
     /// Vertices of the mesh.
     pub vertices: u64,

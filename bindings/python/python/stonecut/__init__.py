@@ -9,7 +9,8 @@ From file to file, in any memory, continued by the same call after an interrupti
 
     report = stonecut.simplify_file("scan.ply", "small.ply", ratio=0.01, memory="4GiB")
 
-Names and meanings are those of the ``stonecut`` command. Everything after the meshes is keyword-only, and ``ratio`` is
+Names and meanings are those of the ``stonecut`` command; ``peak_memory_bytes`` of a report is of the whole process, the
+interpreter and its arrays included. Everything after the meshes is keyword-only, and ``ratio`` is
 the share of the triangles that is **kept**. Lengths are in the units of the mesh, sizes of memory in bytes or as text
 (``"4GiB"``, ``"50%"``). All functions may be called from several threads at once and let other threads run; Ctrl-C ends
 them, and so does an exception from ``progress``, which is called with a :class:`Progress` about 20 times a second.
@@ -42,6 +43,7 @@ from .errors import (
     JobLocked,
     JobMismatch,
     LossWarning,
+    MissingInput,
     NoSpace,
     NotEnoughMemory,
     ShortOfTarget,
@@ -60,6 +62,7 @@ __all__ = [
     "JobMismatch",
     "LossWarning",
     "Measured",
+    "MissingInput",
     "NoSpace",
     "NotEnoughMemory",
     "Progress",
@@ -68,8 +71,10 @@ __all__ = [
     "SystemFault",
     "UsageError",
     "__version__",
+    "compare",
     "convert",
     "errors",
+    "extract",
     "info",
     "measure",
     "plan",
@@ -78,6 +83,7 @@ __all__ = [
     "simplify_arrays",
     "simplify_file",
     "synth",
+    "tiles",
 ]
 
 Report = dict[str, Any]
@@ -94,7 +100,8 @@ Kind = Literal["terrain", "statue", "gyroid", "scans", "volume", "rooms"]
 
 
 class SimplifiedArrays:
-    """A mesh that :func:`simplify_arrays` has simplified; ``points, faces = result`` unpacks it.
+    """A mesh that :func:`simplify_arrays` has simplified; ``points, faces = result`` unpacks it,
+    and ``result[0]`` is ``points``, ``result[1]`` ``faces``.
 
     ``points`` (n, 3) of the type of the input's, ``faces`` (m, 3) int32, ``attributes`` by name and of the types that were
     given, ``source`` (n,) uint32: the input vertex that survived as each vertex, in ascending order, by which anything
@@ -110,6 +117,12 @@ class SimplifiedArrays:
 
     def __iter__(self) -> Iterator[Array]:
         return iter((self.points, self.faces))
+
+    def __len__(self) -> int:
+        return 2
+
+    def __getitem__(self, index: int) -> Array:
+        return (self.points, self.faces)[index]
 
     def __repr__(self) -> str:
         return f"SimplifiedArrays({len(self.points)} points, {len(self.faces)} faces)"
@@ -748,3 +761,127 @@ def synth(
         threads=threads,
     )
     return _report(words, progress)[0]
+
+
+def tiles(
+    input: PathLike | Iterable[PathLike],
+    output: PathLike,
+    *,
+    tile_triangles: int | str | None = None,
+    pixels: float | None = None,
+    finest: int | str | float | None = None,
+    compress: Literal["meshopt", "none"] | None = None,
+    texture: Literal["bake", "colors"] | None = None,
+    up: Literal["y", "z"] | None = None,
+    scale: float | None = None,
+    translate: str | Iterable[float] | None = None,
+    recentre: bool = False,
+    geo: str | Iterable[float] | None = None,
+    transform: str | Iterable[float] | None = None,
+    crs: str | None = None,
+    viewer: bool = False,
+    weld: str | float | None = None,
+    skip_bad: bool = False,
+    memory: Size | None = None,
+    threads: int | None = None,
+    temp_dir: PathLike | None = None,
+    keep_temp: bool = False,
+    restart: bool = False,
+    force: bool = False,
+    report: PathLike | None = None,
+    progress: OnProgress | None = None,
+) -> Report:
+    """Cuts a mesh of any size into a folder of tiles at all levels of detail (OGC 3D Tiles 1.1).
+
+    Args:
+        tile_triangles: about so many in a tile [16k]. pixels: the deviation in a viewer's picture, at most [1].
+        finest: the finest level that is kept, a share or a count. compress: ``"meshopt"`` or ``"none"`` ["meshopt"].
+        texture: ``"bake"`` an image for each tile, or ``"colors"`` of vertices out of the images.
+        up, scale, translate, recentre: place the mesh. geo: latitude, longitude, height of its origin. transform: 16 numbers
+            by columns. crs: the system of its coordinates, as ``"EPSG:25832"``. viewer: a page to look at the tree.
+
+    All else is as in :func:`simplify_file`; the same call continues after an interruption. Returns the report of
+    ``stonecut tiles``: ``levels``, ``tiles``, ``bytes`` and what else it counts."""
+    words = ["tiles", *paths("input", input), path("output", output)]
+    words += options(
+        tile_triangles=tile_triangles,
+        pixels=pixels,
+        finest=finest,
+        compress=compress,
+        texture=texture,
+        up=up,
+        scale=scale,
+        translate=_joined(translate),
+        recentre=recentre,
+        geo=_joined(geo),
+        transform=_joined(transform),
+        crs=crs,
+        viewer=viewer,
+        weld=weld,
+        skip_bad=skip_bad,
+        memory=memory,
+        threads=threads,
+        keep_temp=keep_temp,
+        restart=restart,
+        force=force,
+    )
+    for name, file in {"temp_dir": temp_dir, "report": report}.items():
+        words += [] if file is None else options(**{name: path(name, file)})
+    return _report(words, progress)[0]
+
+
+def extract(
+    tree: PathLike,
+    output: PathLike,
+    *,
+    max_error: float | None = None,
+    triangles: int | str | None = None,
+    inside: str | Iterable[float] | None = None,
+    max_error_inside: float | None = None,
+    format: str | None = None,
+    memory: Size | None = None,
+    threads: int | None = None,
+    force: bool = False,
+    progress: OnProgress | None = None,
+) -> Report:
+    """Extracts one mesh from a folder of tiles: the coarsest within ``max_error`` of the input, or of so many ``triangles``.
+
+    ``inside`` is a box (x0, y0, z0, x1, y1, z1) in which ``max_error_inside`` holds. Returns counts of the mesh, and
+    ``deviation``, its bound in input units. Warns with :class:`ShortOfTarget` where the count cannot be met."""
+    words = ["extract", path("tree", tree), path("output", output)]
+    words += options(
+        max_error=max_error,
+        triangles=triangles,
+        inside=_joined(inside),
+        max_error_inside=max_error_inside,
+        format=format,
+        memory=memory,
+        threads=threads,
+        force=force,
+    )
+    found, is_short = _report(words, progress)
+    if is_short:
+        warnings.warn(f"{found['triangles']} triangles: the number was not met", ShortOfTarget, stacklevel=2)
+    return found
+
+
+def compare(
+    methods: str | Iterable[str],
+    input: PathLike,
+    output: PathLike,
+    *,
+    triangles: int | str | None = None,
+    ratio: float | str | None = None,
+    samples: int | str | None = None,
+    memory: Size | None = None,
+    threads: int | None = None,
+    force: bool = False,
+    progress: OnProgress | None = None,
+) -> None:
+    """Simplifies a file by several methods to one count and writes a page that sets them side by side.
+
+    ``methods`` are ``"collapse"``, ``"cluster"``, ``"decimate"``, ``"retile"``; ``output`` ends in ``.html``; ``samples`` are
+    those of each measurement [1M]."""
+    words = ["compare", methods if isinstance(methods, str) else ",".join(methods), path("input", input)]
+    words += [*target(triangles, ratio), "--output=" + path("output", output)]
+    _report(words + options(samples=samples, memory=memory, threads=threads, force=force), progress)

@@ -6,6 +6,7 @@ what cannot be kept is named in a :class:`stonecut.LossWarning`.
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -32,6 +33,8 @@ def adapt(mesh: Any) -> Adapted:
     """Reads a mesh of any known kind, or a pair (points, faces)."""
     if isinstance(mesh, tuple) and len(mesh) == 2:
         return Adapted(mesh[0], mesh[1], {}, lambda result: (result.points, result.faces))
+    if isinstance(mesh, str | os.PathLike):
+        raise UsageError(f"{os.fspath(mesh)!r} is a file, not a mesh in memory: simplify_file(input, output, ...) reads and writes files")
     module = type(mesh).__module__
     package = module.partition(".")[0]
     if package == "trimesh" and hasattr(mesh, "visual"):

@@ -7,6 +7,8 @@ Every class is a :class:`Error` and, where Python has one for the purpose, also 
 from __future__ import annotations
 
 import errno
+import os
+import re
 from typing import Any
 
 __all__ = [
@@ -19,6 +21,7 @@ __all__ = [
     "JobLocked",
     "JobMismatch",
     "LossWarning",
+    "MissingInput",
     "NoSpace",
     "NotEnoughMemory",
     "ShortOfTarget",
@@ -64,6 +67,10 @@ class BadInput(Error, ValueError):
     """The mesh breaks its format, or holds what no mesh may hold (4)."""
 
     exit_code = 4
+
+
+class MissingInput(BadInput, FileNotFoundError):
+    """A file that was named is not there (4)."""
 
 
 class NoSpace(Error, OSError):
@@ -138,7 +145,20 @@ def _make(exit_code: int, message: str, path: Any, code: int | None) -> Error:
     kind = _CLASSES.get(exit_code, Error if code is None else SystemFault)
     if kind is NoSpace:
         code = errno.ENOSPC
-    return _again(kind, message, None if path is None else str(path), code)
+    if kind is BadInput and path is not None and not os.path.lexists(path):
+        kind, code = MissingInput, errno.ENOENT
+    return _again(kind, _as_keywords(message), None if path is None else str(path), code)
+
+
+def _as_keywords(message: str) -> str:
+    """Options of the command line as the keywords that they are here: ``give --force`` becomes ``give force=True``."""
+    message = re.sub(r"--(force|restart|skip-bad|recentre)\b", lambda option: _keyword(option) + "=True", message)
+    message = re.sub(r"--([a-z][a-z-]*[a-z]) (?=\d)", lambda option: _keyword(option) + "=", message)
+    return re.sub(r"--([a-z][a-z-]*[a-z])\b", _keyword, message)
+
+
+def _keyword(option: re.Match[str]) -> str:
+    return option[1].replace("-", "_")
 
 
 def _again(kind: type[Error], message: str, path: str | None, code: int | None) -> Error:
