@@ -48,6 +48,7 @@ mod builders;
 pub mod cli;
 #[doc(hidden)]
 pub mod pipeline;
+mod receipt;
 mod report;
 
 pub use builders::{Measure, Moment, Simplify, Tiles};

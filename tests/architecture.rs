@@ -30,7 +30,7 @@ const CRATES: [&str; 12] = [
 ];
 
 /// Homes of outside crates; those that are not listed may be used anywhere.
-const HOMES: [(&str, &[&str]); 33] = [
+const HOMES: [(&str, &[&str]); 35] = [
     ("base64", &["io/gltf/buffers.rs", "report/"]),
     ("basis_universal", &["render/texture/ktx2_image.rs"]),
     ("bevy_mikktspace", &["render/texture/frames.rs"]),
@@ -52,12 +52,14 @@ const HOMES: [(&str, &[&str]); 33] = [
     ("memchr", &["io/text_lines.rs"]),
     ("memmap2", &["system/mapped_file.rs"]),
     ("meshopt_rs", &["io/gltf/meshopt.rs", "io/gltf/meshopt_out.rs"]),
+    ("minisign", &["receipt/signature.rs"]),
     ("noto_sans_mono_bitmap", &["render/picture.rs"]),
     ("png", &["bake/pages.rs", "render/picture.rs"]),
     ("proj4rs", &["io/globe.rs"]),
     ("rayon", &["system/parallel.rs"]),
     ("robust", &["measure/certify/sheet.rs", "mesh/meeting.rs"]),
     ("rustix", &["cli/mod.rs", "pipeline/plan/", "store/job/lock.rs", "system/"]),
+    ("sha2", &["receipt/hashes.rs"]),
     ("signal_hook", &["cli/"]),
     ("thiserror", &["system/error.rs"]),
     ("unicode_normalization", &["io/materials/search.rs"]),

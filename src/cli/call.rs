@@ -87,8 +87,11 @@ fn draw(args: &render::Args, mesh: Option<&Mesh>, progress: &Progress) -> Result
 }
 
 fn parse(words: &[OsString]) -> Result<CommandLine> {
-    let words = std::iter::once("stonecut".into()).chain(words.iter().cloned());
-    CommandLine::try_parse_from(words).map_err(|e| super::arguments::usage(&e))
+    let words: Vec<OsString> =
+        std::iter::once("stonecut".into()).chain(words.iter().cloned()).collect();
+    let mut line = CommandLine::try_parse_from(&words).map_err(|e| super::arguments::usage(&e))?;
+    line.command.keep_words(&words);
+    Ok(line)
 }
 
 #[cfg(test)]

@@ -27,6 +27,7 @@ mod pages;
 mod placing;
 mod plan;
 mod progressive;
+mod receipt;
 mod refine;
 mod render;
 mod report;
@@ -38,6 +39,7 @@ mod status;
 mod synth;
 mod terminal;
 mod tiles;
+mod verify;
 mod work;
 
 use crate::error::{Error, Offers, Result};
@@ -77,6 +79,7 @@ enum Typed {
     Extract(extract::Args),
     Refine(refine::Args),
     Measure(measure::Args),
+    Verify(verify::Args),
     Compare(compare::Args),
     Render(render::Args),
     Report(report::Args),
@@ -113,6 +116,7 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
     if let Typed::Plan(args) = &mut typed.command {
         args.words = words.iter().map(|word| word.to_string_lossy().into_owned()).collect();
     }
+    typed.command.keep_words(&words);
     let progress = Arc::new(Progress::default());
     let (command, talk) = (typed.command.as_command(), &typed.talk);
     let (offers, show) = (command.offers(), talk.progress);
@@ -211,6 +215,7 @@ impl Typed {
             Typed::Extract(args) => args,
             Typed::Refine(args) => args,
             Typed::Measure(args) => args,
+            Typed::Verify(args) => args,
             Typed::Compare(args) => args,
             Typed::Render(args) => args,
             Typed::Report(args) => args,
@@ -222,6 +227,13 @@ impl Typed {
             Typed::Demo(args) => args,
             Typed::Completions(args) => args,
             Typed::Man(args) => args,
+        }
+    }
+
+    /// Notes the whole command line for a receipt.
+    fn keep_words(&mut self, words: &[std::ffi::OsString]) {
+        if let Typed::Simplify(args) = self {
+            args.receipt.words = words.to_vec();
         }
     }
 

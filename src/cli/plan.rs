@@ -102,6 +102,10 @@ fn freeze(args: &Args, log: &mut Log) -> Result<()> {
         let what = "--dry-run and --temp-dir are not for a job in units; JOBDIR says where it lies";
         return Err(Error::Usage(what.to_owned()));
     }
+    if let Some(option) = args.simplify.receipt.given() {
+        let what = format!("{option} is not for a job in units; run 'stonecut simplify'");
+        return Err(Error::Usage(what));
+    }
     if let Some(option) = args.simplify.page_option() {
         return Err(Error::Usage(format!(
             "{option} is for a new texture, which a job in units does not make; run 'stonecut simplify' on one machine"

@@ -13,6 +13,7 @@ use super::new_texture::TypedPages;
 use super::outcome::{tell, write_early, write_report};
 use super::placing::TypedPlacing;
 use super::progressive::TypedProgressive;
+use super::receipt::{self, TypedReceipt};
 use super::session::{Command, Session};
 use crate::config::{
     Attributes, CheckOptions, Config, DEFAULT_CELL_TRIANGLES, JobOptions, Level, MinComponent,
@@ -131,6 +132,8 @@ pub struct Args {
     /// Write a report in JSON.
     #[arg(long, value_name = "FILE")]
     pub(super) report: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) receipt: TypedReceipt,
     #[command(flatten)]
     checks: CheckOptions,
 }
@@ -359,6 +362,7 @@ impl Args {
         let paths = Paths::new(self.job.force || may_be_ours);
         let paths = self.paths.input.add_to(paths, "INPUT")?;
         let paths = outputs.fold(paths, |paths, output| paths.with(Role::Output, "OUTPUT", output));
+        let paths = self.receipt.add_to(paths, [&self.paths.input, &self.paths.output])?;
         Ok(paths
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
             .with_option(Role::Side(Kind::Seams), "--seams", self.checks.seams.as_ref())
@@ -383,7 +387,8 @@ impl Command for Args {
 
     fn done_before(&self) -> Option<(u8, String)> {
         let report = self.report.as_ref().filter(|path| path.exists())?;
-        if self.job.force || self.job.restart || self.dry_run || self.job.until.is_some() {
+        let is_more = self.dry_run || self.job.until.is_some() || self.receipt.is_owed();
+        if self.job.force || self.job.restart || is_more {
             return None;
         }
         let output = self.paths.output.display();
@@ -393,6 +398,7 @@ impl Command for Args {
 
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         let report_to = self.report.as_deref().map(Seen::new);
+        let receipt = self.receipt.begin()?;
         let config = self.config()?;
         super::arguments::warn_of_limit(self.memory, session.log);
         self.target.warn_of_one(session.log);
@@ -425,6 +431,11 @@ impl Command for Args {
         tell(&report, session.talk, session.log);
         if let Some(to) = &report_to {
             write_report(to, &report)?;
+        }
+        if let Some(receipt) = &receipt {
+            let (output, line) = (self.paths.output.as_path(), session.line);
+            let typed = receipt::Typed { output, line, is_program: session.prints };
+            session.watch(|| receipt.write(typed, (&config, &report), progress))?;
         }
         CommandEnd::of(&report.written(), report.is_short())
     }

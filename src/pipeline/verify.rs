@@ -21,7 +21,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Width of the certificate, relative to its upper end.
-pub(super) const TOLERANCE: f64 = 0.01;
+pub(crate) const TOLERANCE: f64 = 0.01;
 
 /// Refuses what cannot be read again after the run.
 pub fn refuse_unreadable(config: &Config) -> Result<()> {
@@ -40,8 +40,8 @@ pub fn refuse_unreadable(config: &Config) -> Result<()> {
 
 /// The input and the output of a run, opened again from their files.
 pub struct MeasuredPair {
-    original: MeshSource,
-    simplified: MeshSource,
+    pub(crate) original: MeshSource,
+    pub(crate) simplified: MeshSource,
 }
 
 impl MeasuredPair {

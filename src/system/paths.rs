@@ -46,6 +46,10 @@ pub enum Kind {
     Report,
     /// Points of `simplify --seams`.
     Seams,
+    /// The receipt of `simplify --receipt`.
+    Receipt,
+    /// Its signature.
+    Signature,
     /// The mesh of `measure --heatmap`; replaced with `--force` only.
     Heatmap,
     /// The file of `simplify --progressive`; replaced with `--force` only.
@@ -331,6 +335,8 @@ impl Kind {
             Kind::Seams => has_line(SEAMS_SETTINGS),
             Kind::Heatmap => has_line(HEATMAP_SETTINGS),
             Kind::Progressive => head.starts_with(PROGRESSIVE_MAGIC),
+            Kind::Receipt => head.starts_with(RECEIPT_BEGINS),
+            Kind::Signature => head.starts_with(SIGNATURE_BEGINS),
             Kind::Report => {
                 head.trim_ascii_start().starts_with(b"{")
                     && std::fs::metadata(path).is_ok_and(|meta| meta.len() <= MOST_REPORT_BYTES)
@@ -348,6 +354,12 @@ pub const HEATMAP_SETTINGS: &str = "measure --heatmap";
 
 /// The first bytes of a progressive mesh.
 pub const PROGRESSIVE_MAGIC: &[u8; 8] = b"stncutpm";
+
+/// The first bytes of a receipt, of any version.
+pub const RECEIPT_BEGINS: &[u8] = b"{\"about\":\"stonecut receipt";
+
+/// The first bytes of a signature of a receipt.
+pub const SIGNATURE_BEGINS: &[u8] = b"untrusted comment: signature of a stonecut receipt";
 
 /// No report comes near this.
 pub const MOST_REPORT_BYTES: u64 = 16 << 20;

@@ -10,6 +10,7 @@ mod exit_codes;
 mod pages;
 mod paths;
 mod plans;
+mod receipt;
 mod report;
 mod report_schema;
 mod serve;

@@ -58,13 +58,16 @@ const JUNK: [&str; 22] = [
 ];
 
 /// A command, and what it may change.
-const COMMANDS: [(&str, &[&str]); 35] = [
+const COMMANDS: [(&str, &[&str]); 38] = [
     ("simplify in.ply o.ply --ratio 50% -q", &["o.ply"]),
     ("simplify in.ply o.ply --ratio 50% -q --force --restart", &["o.ply"]),
     ("simplify in.ply p.ply --ratio 50% -q --restart", &["p.ply"]),
     ("simplify in.ply q.ply --ratio 50% -q", &["q.ply"]),
     ("simplify in.ply r.ply --ratio 50% -q --restart", &["r.ply"]),
     ("simplify in.ply s.obj --ratio 50% -q --report precious.json", &["s.obj"]),
+    ("simplify in.ply g.ply --ratio 50% -q --receipt precious.json", &["g.ply"]),
+    ("simplify in.ply h.ply --ratio 50% -q --receipt h.json", &["h.ply", "h.json"]),
+    ("verify h.json --again", &[]),
     ("simplify in.ply s.obj --ratio 50% -q --temp-dir temp", &["s.obj"]),
     ("simplify tex.obj s.obj --ratio 50% -q", &["s.obj"]),
     ("simplify in.ply a.ply --ratio 50% -q --verify --seams seams.ply", &["a.ply", "seams.ply"]),
@@ -142,9 +145,10 @@ fn nothing_but_the_output_changes() {
 }
 
 /// Every option of every command that names something to write; `@` is where it is put.
-const WRITERS: [&str; 21] = [
+const WRITERS: [&str; 22] = [
     "simplify in.ply @ --ratio 50% -q --format ascii",
     "simplify in.ply new.ply --ratio 50% -q --report @",
+    "simplify in.ply new.ply --ratio 50% -q --receipt @.json",
     "simplify in.ply new.ply --ratio 50% -q --seams @",
     "simplify in.ply new.ply --ratio 50% -q --progressive @",
     "simplify in.ply new.ply --ratio 50% -q --log-file @",

@@ -483,7 +483,7 @@ fn real(path: &Path) -> PathBuf {
 }
 
 /// The way from a folder to a file, both without links, with slashes.
-fn relative(folder: &Path, file: &Path) -> String {
+pub fn relative(folder: &Path, file: &Path) -> String {
     let parts = |path: &Path| -> Vec<String> {
         let names = path.components().filter(|part| matches!(part, Component::Normal(_)));
         names.map(|part| part.as_os_str().to_string_lossy().into_owned()).collect()

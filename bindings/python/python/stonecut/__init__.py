@@ -369,6 +369,8 @@ def simplify_file(
     no_self_intersections: bool = False,
     verify: bool = False,
     report: PathLike | None = None,
+    receipt: PathLike | None = None,
+    sign: PathLike | None = None,
     progress: OnProgress | None = None,
 ) -> Report:
     """Simplifies a mesh file of any size into another, in bounded memory; returns the report (docs/report.md).
@@ -403,6 +405,7 @@ def simplify_file(
         progressive: write a progressive mesh too, for ``stonecut refine``.
         verify: measure the result; ``report["measured"]``.
         report: write the report to this file, too.
+        receipt: write a receipt for ``stonecut verify``, signed with the key of minisign in the file ``sign``.
         progress: called with a :class:`Progress`; an exception from it ends the call, and the next one continues.
 
     Warns with :class:`ShortOfTarget`. Raises the classes of :mod:`stonecut.errors`.
@@ -445,7 +448,7 @@ def _file_words(given: Mapping[str, Any]) -> list[str]:
     rest.pop("progress", None)
     words = ["simplify", *paths("input", rest.pop("input")), path("output", rest.pop("output"))]
     words += target(rest.pop("triangles"), rest.pop("ratio"), rest.pop("max_error"), rest.pop("grid", None))
-    for name in ("temp_dir", "report", "progressive", "seams"):
+    for name in ("temp_dir", "report", "receipt", "sign", "progressive", "seams"):
         if rest.get(name) is not None:
             rest[name] = path(name, rest[name])
     for name in ("translate", "transform"):

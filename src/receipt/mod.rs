@@ -1,0 +1,248 @@
+//! Receipts of runs: the files that went in and came out, the settings, and the distance that is proven between them, in one file that can be
+//! kept and signed.
+//!
+//! The form alone: `cli/receipt` fills a receipt in after a run, `cli/verify` checks one. Everything in it follows from the run, nothing from the
+//! time or the machine, so two runs of one build give the same bytes ([docs/design/receipt.md]).
+
+pub(crate) mod canonical;
+pub(crate) mod hashes;
+pub(crate) mod signature;
+
+use crate::error::{Error, Result};
+use crate::system::disk::read_regular;
+use crate::system::losses::Ledger;
+use canonical::canonical;
+use hashes::{HashedFile, sha256_of};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// The first value of a receipt, by which it is known; it grows with every change of the keys or of their meaning.
+pub(crate) const ABOUT: &str = "stonecut receipt, version 1; canonical JSON (RFC 8785)";
+
+/// Bytes of a receipt at most: some hundred thousand files.
+const MOST_BYTES: u64 = 64 << 20;
+
+/// Files by their paths, with slashes, from the folder of the receipt.
+pub(crate) type HashedFiles = BTreeMap<String, HashedFile>;
+
+/// A receipt.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Receipt {
+    /// `ABOUT`.
+    pub(crate) about: String,
+    /// The place on the globe.
+    pub(crate) coordinates: ReceiptPlace,
+    /// The input.
+    pub(crate) input: ReceiptInput,
+    /// Parts of the input that the output does not have.
+    pub(crate) losses: Ledger,
+    /// Options of `simplify` that decide the bytes, sorted, as they were typed.
+    pub(crate) options: Vec<String>,
+    /// The end of the run.
+    pub(crate) outcome: ReceiptOutcome,
+    /// The output as typed, of a chain with its mark.
+    pub(crate) output: String,
+    /// The outputs, finest first.
+    pub(crate) outputs: Vec<ReceiptOutput>,
+    /// The program.
+    pub(crate) program: MadeBy,
+    /// Every setting that changes the result, as in the report.
+    pub(crate) settings: BTreeMap<String, String>,
+    /// SHA-256 of the canonical form without this key.
+    pub(crate) sha256: String,
+}
+
+/// The program that made a receipt.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct MadeBy {
+    /// SHA-256 of the executable; absent where the program ran within another one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) build: Option<String>,
+    /// Version of stonecut.
+    pub(crate) version: String,
+}
+
+/// The input of a receipt.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ReceiptInput {
+    /// Files that the meshes name or that say where they lie: libraries, images, buffers, sidecars.
+    pub(crate) beside: HashedFiles,
+    /// Triangles, vertices, components, edges by kind, Euler characteristic.
+    pub(crate) counts: BTreeMap<String, i64>,
+    /// The files of the mesh, with lists and trees that name them.
+    pub(crate) files: HashedFiles,
+    /// Files, folders and lists as typed.
+    pub(crate) given: Vec<String>,
+}
+
+/// An output of a receipt.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ReceiptOutput {
+    /// Counts as those of the input.
+    pub(crate) counts: BTreeMap<String, i64>,
+    /// The proven interval.
+    pub(crate) distance: ProvenInterval,
+    /// The file of the mesh and those that it names.
+    pub(crate) files: HashedFiles,
+    /// The file of the mesh.
+    pub(crate) path: String,
+}
+
+/// An interval that holds the Hausdorff distance between input and output, in input units.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ProvenInterval {
+    /// True if its width is at most `tolerance * upper`.
+    pub(crate) certified: bool,
+    /// Some point of one surface is at least as far from the other.
+    pub(crate) lower: f64,
+    /// The width that was wanted, relative to `upper`.
+    pub(crate) tolerance: f64,
+    /// No point of either surface is farther from the other.
+    pub(crate) upper: f64,
+}
+
+/// Place of a mesh on the globe, as files beside it say, and shifts of its coordinates.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ReceiptPlace {
+    /// To be added to coordinates of the input, for those of the system.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) offset: Option<[f64; 3]>,
+    /// Subtracted from the coordinates of the input (`--recentre`, or an earlier one).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) recentred: Option<[f64; 3]>,
+    /// `EPSG:n`, or `ENU:LAT,LON`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) system: Option<String>,
+}
+
+/// End of the run of a receipt.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ReceiptOutcome {
+    /// Defects of the input, by kind; the rows were dropped.
+    pub(crate) faults: BTreeMap<String, u64>,
+    /// Reason why collapsing ended.
+    pub(crate) stop_reason: String,
+    /// As in the report.
+    pub(crate) target_met: bool,
+}
+
+impl Receipt {
+    /// The bytes of the file, with the checksum filled in.
+    pub(crate) fn sealed(mut self) -> Result<Vec<u8>> {
+        self.sha256 = self.checksum()?;
+        Ok(canonical(&json(&self)?))
+    }
+
+    /// SHA-256 of everything but itself.
+    fn checksum(&self) -> Result<String> {
+        let mut value = json(self)?;
+        if let Value::Object(keys) = &mut value {
+            keys.remove("sha256");
+        }
+        Ok(sha256_of(&canonical(&value)))
+    }
+
+    /// Reads a receipt, and gives its bytes and what is wrong with its form.
+    ///
+    /// Errors: `BadInput` for all that is not a receipt of this version.
+    pub(crate) fn read(path: &Path) -> Result<(Receipt, Vec<u8>, Vec<String>)> {
+        let bad = |what: String| Error::bad_input(path, what);
+        let bytes = read_regular(path, MOST_BYTES).map_err(|e| bad(format!("cannot read: {e}")))?;
+        let receipt: Receipt = serde_json::from_slice(&bytes).map_err(|e| {
+            bad(format!("not a receipt: {e}; give what simplify wrote with --receipt, unchanged"))
+        })?;
+        if receipt.about != ABOUT {
+            return Err(bad(format!(
+                "not a receipt of this version: 'about' is '{}', not '{ABOUT}'",
+                receipt.about
+            )));
+        }
+        let mut wrong = Vec::new();
+        if canonical(&json(&receipt)?) != bytes {
+            wrong.push(
+                "receipt: not in canonical form, it was changed since it was written".to_owned(),
+            );
+        }
+        let found = receipt.checksum()?;
+        if found != receipt.sha256 {
+            wrong.push(format!(
+                "receipt: sha256: {} recorded, {found} found; it was changed since it was written",
+                receipt.sha256
+            ));
+        }
+        Ok((receipt, bytes, wrong))
+    }
+}
+
+/// A part of a receipt as JSON.
+pub(crate) fn json(part: &impl Serialize) -> Result<Value> {
+    serde_json::to_value(part)
+        .map_err(|e| Error::Internal(format!("the receipt cannot be written as JSON: {e}")))
+}
+
+/// Lists where two parts of receipts differ, by the keys that lead there.
+pub(crate) fn differences(recorded: &Value, found: &Value, at: &str, out: &mut Vec<String>) {
+    let below = |key: &str| if at.is_empty() { key.to_owned() } else { format!("{at}: {key}") };
+    match (recorded, found) {
+        (Value::Object(a), Value::Object(b)) => {
+            let keys: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
+            for key in keys {
+                let of = |map: &serde_json::Map<String, Value>| {
+                    map.get(key).cloned().unwrap_or(Value::Null)
+                };
+                differences(&of(a), &of(b), &below(key), out);
+            }
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            for (number, (a, b)) in a.iter().zip(b).enumerate() {
+                differences(a, b, &below(&number.to_string()), out);
+            }
+        }
+        _ if recorded == found => {}
+        _ => out.push(format!("{at}: {} recorded, {} found", shown(recorded), shown(found))),
+    }
+}
+
+fn shown(value: &Value) -> String {
+    match value {
+        Value::Null => "nothing".to_owned(),
+        Value::String(text) => text.clone(),
+        other => String::from_utf8_lossy(&canonical(other)).into_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn differences_are_named_by_their_keys() {
+        let a = json!({"x": {"a.ply": {"bytes": 3}, "gone": 1}, "list": [1, 2], "long": [1]});
+        let b = json!({"x": {"a.ply": {"bytes": 4}, "new": 1}, "list": [1, 5], "long": []});
+        let mut out = Vec::new();
+        differences(&a, &b, "", &mut out);
+        assert_eq!(
+            out,
+            [
+                "list: 1: 2 recorded, 5 found",
+                "long: [1] recorded, [] found",
+                "x: a.ply: bytes: 3 recorded, 4 found",
+                "x: gone: 1 recorded, nothing found",
+                "x: new: nothing recorded, 1 found",
+            ]
+        );
+        out.clear();
+        differences(&a, &a, "", &mut out);
+        assert!(out.is_empty());
+    }
+}
