@@ -9,6 +9,7 @@ use crate::io::sidecars::Georeference;
 use crate::io::{InputPaths, NameUse, OBJECT, StageOptions};
 use crate::measure::check::{self, COUNT_BYTES, Checked};
 use crate::measure::intersections::{self, SelfIntersections};
+use crate::measure::labelled_regions::{LabelledRegions, RegionLimits, regions};
 use crate::measure::load;
 use crate::measure::tileset::{TilesetCheck, check_tileset, is_tileset};
 use crate::mesh::topology_counts::Topology;
@@ -115,6 +116,9 @@ struct InfoReport {
     /// Components by size; only with `--check`.
     #[serde(skip_serializing_if = "Option::is_none")]
     component_sizes: Option<SizesReport>,
+    /// Regions of faces with labels; only with `--check`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    regions: Option<LabelledRegions>,
 }
 
 /// Components by size, as `--min-component` counts them: vertices in one place are connected.
@@ -226,6 +230,11 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
         }
         false => (None, None, None),
     };
+    let limits = RegionLimits {
+        temp_dir: args.temp_dir(),
+        memory_bytes: super::arguments::memory_budget(args.memory),
+    };
+    let regions = if args.check { regions(&source, limits, progress)? } else { None };
     let list = sizes.as_ref().map(below_list);
     let schema = source.schema();
     let materials = source.materials();
@@ -269,6 +278,7 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
             largest: s.largest,
             below: s.below,
         }),
+        regions,
     };
     Ok((source, report, list))
 }
@@ -301,6 +311,9 @@ fn count(args: &Args, source: &MeshSource, threads: usize, progress: &Progress) 
 
 /// Names of objects that the table shows.
 const SHOWN_NAMES: usize = 8;
+
+/// Regions that the table shows.
+const SHOWN_REGIONS: usize = 10;
 
 /// Names of missing images that the table shows.
 const SHOWN_IMAGES: usize = 5;
@@ -387,6 +400,8 @@ fn table(source: &MeshSource, report: &InfoReport, below: Option<String>) -> Str
             ("boundary edges", t.boundary_edges.to_string()),
             ("non-manifold edges", t.non_manifold_edges.to_string()),
             ("inconsistent edges", t.inconsistent_edges.to_string()),
+            ("junction edges", t.junction_edges.to_string()),
+            ("junction points", t.junction_points.to_string()),
             ("degenerate triangles", t.degenerate_triangles.to_string()),
             ("duplicate triangles", t.duplicate_triangles.to_string()),
             ("unreferenced vertices", t.unreferenced_vertices.to_string()),
@@ -406,6 +421,22 @@ fn table(source: &MeshSource, report: &InfoReport, below: Option<String>) -> Str
             ("largest", format!("{} triangles", sizes.largest)),
             ("fewer triangles than", below),
         ]);
+    }
+    if let Some(found) = &report.regions {
+        rows.push(("regions", format!("{} by {}", found.found, found.properties.join(" and "))));
+        rows.push(("open edges of theirs", found.open_edges.to_string()));
+        let shown = found.largest.iter().take(SHOWN_REGIONS).map(|region| {
+            let open = match region.open_edges {
+                0 => "closed".to_owned(),
+                n => format!("{n} open edges"),
+            };
+            let (label, triangles) = (region.label, region.triangles);
+            ("region", format!("{label}: volume {}, {triangles} triangles, {open}", region.volume))
+        });
+        rows.extend(shown);
+        if found.found > SHOWN_REGIONS as u64 {
+            rows.push(("region", "...".to_owned()));
+        }
     }
     table_of(rows)
 }

@@ -11,6 +11,7 @@ mod encodings;
 mod expected_size;
 mod extent;
 mod external_sort;
+mod face_labels;
 mod face_survey;
 mod front_door;
 pub mod globe;
@@ -40,6 +41,7 @@ mod weld;
 pub use duplicates::{DuplicateFinder, Duplicates};
 pub use expected_size::{Expected, expected_bytes};
 pub use external_sort::{ExternalSort, halves, whole};
+pub use face_labels::{FaceLabels, SIDES};
 pub use face_survey::{SurveyOptions, survey_faces};
 pub use gltf::{
     GlbWriter, StoredPage, StoredTile, TileForm, TileMesh, TilePage, TileScalar, decode_tile,

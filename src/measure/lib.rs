@@ -19,6 +19,7 @@ mod deviation;
 mod enclose;
 pub mod heatmap;
 pub mod intersections;
+pub mod labelled_regions;
 pub mod load;
 mod nearest_in_cells;
 mod out_of_core;

@@ -30,6 +30,10 @@ pub struct Topology {
     pub unreferenced_vertices: u64,
     /// Edges of exactly two triangles that run along it in the same direction.
     pub inconsistent_edges: u64,
+    /// Edges of at least three triangles of different corners: where three sheets meet.
+    pub junction_edges: u64,
+    /// Vertices with a number of such edges other than 0 and 2: where junctions meet or end.
+    pub junction_points: u64,
 }
 
 /// Triangles of one cell, for `count_cell`. Each triangle of the mesh belongs to exactly one cell.
@@ -48,6 +52,8 @@ pub struct CellPart<'a> {
 struct Uses {
     ascending: u8,
     descending: u8,
+    /// Triangles among them of different corners.
+    distinct: u8,
 }
 
 /// Findings in one cell: numbers that are final, and lists for what other cells contribute to.
@@ -62,6 +68,8 @@ pub struct CellCounts {
     edges: Vec<([GlobalVertex; 2], Uses)>,
     /// Triangles of three shared vertices, ids ascending.
     triangles: Vec<[GlobalVertex; 3]>,
+    /// Shared vertices with junction edges of theirs that this cell settles.
+    ends: Vec<(GlobalVertex, u32)>,
     /// Used shared vertices with one that they are connected to inside the cell (perhaps themselves).
     links: Vec<[GlobalVertex; 2]>,
 }
@@ -85,6 +93,7 @@ impl Topology {
             (2, 0) | (0, 2) => self.inconsistent_edges += 1,
             _ => self.non_manifold_edges += 1,
         }
+        self.junction_edges += u64::from(uses.is_junction());
     }
 }
 
@@ -92,6 +101,11 @@ impl Uses {
     fn add(&mut self, other: Uses) {
         self.ascending = self.ascending.saturating_add(other.ascending);
         self.descending = self.descending.saturating_add(other.descending);
+        self.distinct = self.distinct.saturating_add(other.distinct);
+    }
+
+    fn is_junction(self) -> bool {
+        self.distinct > 2
     }
 }
 
@@ -205,24 +219,59 @@ fn count_edges<'a>(
             }
         }
     };
+    let is_seam = |low: u32, high: u32| is_shared(low) && is_shared(high);
+    let few = |n: usize| n.min(usize::from(u8::MAX)) as u8;
+    let mut ends: Vec<u32> = Vec::new();
+    let mut settle = |[low, high]: [u32; 2], uses: Uses| {
+        if is_seam(low, high) {
+            let (x, y) = (global(low), global(high));
+            // Another order of ids turns the directions round.
+            let turned = Uses { ascending: uses.descending, descending: uses.ascending, ..uses };
+            counts.edges.push(if x < y { ([x, y], uses) } else { ([y, x], turned) });
+        } else {
+            counts.n_edges += 1;
+            counts.settled.add_edge(uses);
+            ends.extend([low, high].into_iter().filter(|_| uses.is_junction()));
+        }
+    };
+    // More than two triangles at an edge, or on a seam perhaps more: their third corners are compared.
+    let mut crowded: Vec<([u32; 2], Uses)> = Vec::new();
     by_smallest_vertex(n_vertices, edges, |low, others| {
         for run in others.chunk_by(|x, y| x.0 == y.0) {
             let high = run[0].0;
             let descending = run.iter().filter(|(_, descending)| *descending).count();
-            let ascending = run.len() - descending;
-            let few = |n: usize| n.min(usize::from(u8::MAX)) as u8;
-            let uses = Uses { ascending: few(ascending), descending: few(descending) };
-            if is_shared(low) && is_shared(high) {
-                let (x, y) = (global(low), global(high));
-                // Another order of ids turns the directions round.
-                let turned = Uses { ascending: uses.descending, descending: uses.ascending };
-                counts.edges.push(if x < y { ([x, y], uses) } else { ([y, x], turned) });
-            } else {
-                counts.n_edges += 1;
-                counts.settled.add_edge(uses);
+            let uses = Uses {
+                ascending: few(run.len() - descending),
+                descending: few(descending),
+                distinct: few(run.len()),
+            };
+            match run.len() > 2 || run.len() == 2 && is_seam(low, high) {
+                true => crowded.push(([low, high], uses)),
+                false => settle([low, high], uses),
             }
         }
     });
+    let mut thirds: Vec<(u32, u32)> = Vec::new();
+    for &[a, b, c] in triangles.filter(|_| !crowded.is_empty()) {
+        for (from, to, third) in [(a, b, c), (b, c, a), (c, a, b)] {
+            let edge = [from.min(to), from.max(to)];
+            if let Ok(at) = crowded.binary_search_by_key(&edge, |&(ends, _)| ends) {
+                thirds.push((at as u32, third));
+            }
+        }
+    }
+    thirds.sort_unstable();
+    thirds.dedup();
+    for (run, &(edge, uses)) in thirds.chunk_by(|x, y| x.0 == y.0).zip(&crowded) {
+        settle(edge, Uses { distinct: few(run.len()), ..uses });
+    }
+    ends.sort_unstable();
+    for run in ends.chunk_by(|x, y| x == y) {
+        match is_shared(run[0]) {
+            true => counts.ends.push((global(run[0]), run.len() as u32)),
+            false => counts.settled.junction_points += u64::from(run.len() != 2),
+        }
+    }
 }
 
 fn count_duplicates<'a>(
@@ -265,6 +314,9 @@ impl TopologyCounter {
         total.settled.degenerate_triangles += settled.degenerate_triangles;
         total.settled.duplicate_triangles += settled.duplicate_triangles;
         total.settled.inconsistent_edges += settled.inconsistent_edges;
+        total.settled.junction_edges += settled.junction_edges;
+        total.settled.junction_points += settled.junction_points;
+        total.ends.extend(cell.ends);
         total.edges.extend(cell.edges);
         total.triangles.extend(cell.triangles);
         total.links.extend(cell.links);
@@ -283,13 +335,31 @@ impl TopologyCounter {
             mut edges,
             mut triangles,
             mut links,
+            mut ends,
         } = self.total;
         unite_edges(&mut edges);
-        edges.iter().for_each(|&(_, uses)| topology.add_edge(uses));
-        let n_edges = n_edges + edges.len() as u64;
         triangles.sort_unstable();
-        let repeats = triangles.chunk_by(|a, b| a == b).map(|run| run.len() as u64 - 1);
-        topology.duplicate_triangles += repeats.sum::<u64>();
+        // Cells counted triangles as different that have a copy in another one.
+        for run in triangles.chunk_by(|a, b| a == b).filter(|run| run.len() > 1) {
+            let [a, b, c] = run[0];
+            topology.duplicate_triangles += run.len() as u64 - 1;
+            for edge in [[a, b], [b, c], [a, c]] {
+                if let Ok(at) = edges.binary_search_by_key(&edge, |&(ends, _)| ends) {
+                    let more = (run.len() - 1).min(usize::from(u8::MAX)) as u8;
+                    edges[at].1.distinct = edges[at].1.distinct.saturating_sub(more);
+                }
+            }
+        }
+        for &([a, b], uses) in &edges {
+            topology.add_edge(uses);
+            ends.extend([(a, 1), (b, 1)].into_iter().filter(|_| uses.is_junction()));
+        }
+        ends.sort_unstable();
+        for run in ends.chunk_by(|a, b| a.0 == b.0) {
+            let n: u32 = run.iter().map(|(_, n)| n).sum();
+            topology.junction_points += u64::from(n != 2);
+        }
+        let n_edges = n_edges + edges.len() as u64;
         // Every used shared vertex stands second in some link, every first one too.
         let mut ids: Vec<GlobalVertex> = links.iter().map(|link| link[1]).collect();
         ids.sort_unstable();
@@ -404,8 +474,29 @@ mod tests {
             duplicate_triangles: 1,
             unreferenced_vertices: 2,
             inconsistent_edges: 1,
+            ..Topology::default()
         };
         check(10, &triangles, expected);
+    }
+
+    #[test]
+    fn sheets_meet_at_junctions_and_junctions_at_points() {
+        let mut wall = TETRAHEDRON.to_vec();
+        wall.extend([[0, 1, 4], [1, 2, 4], [2, 0, 4]]);
+        let found = of_triangles(5, &wall);
+        // Three sheets meet along 0-1-2: the tetrahedra 0123 and 0124 with their common face.
+        assert_eq!((found.junction_edges, found.junction_points), (3, 0));
+        assert_eq!((found.non_manifold_edges, found.boundary_edges), (3, 0));
+        check(5, &wall, found);
+        // A fin on another edge: a junction that ends at a vertex without others.
+        wall.extend([[0, 3, 5]]);
+        let found = of_triangles(6, &wall);
+        assert_eq!((found.junction_edges, found.junction_points), (4, 2));
+        check(6, &wall, found);
+        // The same face three times is not a junction.
+        let found = of_triangles(3, &[[0, 1, 2], [1, 2, 0], [2, 1, 0]]);
+        assert_eq!((found.junction_edges, found.non_manifold_edges), (0, 3));
+        check(3, &[[0, 1, 2], [1, 2, 0], [2, 1, 0]], found);
     }
 
     #[test]

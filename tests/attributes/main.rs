@@ -9,3 +9,4 @@ mod labels;
 mod names;
 mod options;
 mod output;
+mod regions;

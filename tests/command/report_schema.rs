@@ -253,6 +253,8 @@ fn answers_about_files_and_jobs_keep_the_schema() {
     for options in ["", "--check", "--check --memory 48MiB", "--check --self-intersections"] {
         assert_keeps("info", &printed(out, &format!("info in.ply --json {options}")));
     }
+    expect(out, "synth foam foam.ply --triangles 1k", 0);
+    assert_keeps("info", &printed(out, "info foam.ply --json --check"));
     expect(out, "simplify in.ply o.ply --ratio 5% --cell-triangles 3k --until simplify -q", 0);
     let status = printed(out, "status o.ply.stonecut-job --json");
     assert_keeps("status", &status);

@@ -18,6 +18,7 @@ use stonecut_system::error::Result;
 /// One face.
 #[derive(Debug, Default)]
 pub struct FullFace {
+    /// Numbers of its vertices.
     pub corners: Vec<u64>,
     /// Texture coordinates of each corner; zeros where the face has none.
     pub texture: Vec<[f32; 2]>,

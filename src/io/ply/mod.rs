@@ -31,7 +31,7 @@ mod textures;
 mod vertex_blocks;
 pub mod writer;
 
-pub use full_faces::{FaceLook, FaceLooks};
+pub use full_faces::{FaceLook, FaceLooks, FullFace};
 pub use header::Encoding;
 pub use reports::{PartReport, WeldReport};
 pub use source::LockedBy;
