@@ -130,10 +130,10 @@ pub(super) fn is_zip(first: &[u8]) -> bool {
     first.starts_with(b"PK\x03\x04") || first.starts_with(b"PK\x05\x06")
 }
 
-/// The mesh of an archive that has exactly one, unpacked, and a line on what was not read.
+/// The mesh of an archive that has exactly one, unpacked, and the number of images and material libraries, which are not read.
 ///
 /// Errors: another number of meshes; formats that are archives themselves (USDZ, 3MF), by name.
-pub(super) fn unzip(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Option<String>)> {
+pub(super) fn unzip(file: &RawFile, options: &StageOptions) -> Result<(RawFile, u64)> {
     let damaged = |error: &ZipError| {
         file.bad(format!("this is a zip archive that cannot be read ({error}): unpack it first"))
     };
@@ -188,10 +188,7 @@ pub(super) fn unzip(file: &RawFile, options: &StageOptions) -> Result<(RawFile, 
     let beside = names.iter().filter(|other| {
         ends(other, &[".mtl", ".png", ".jpg", ".jpeg", ".tif", ".tga", ".bmp", ".webp", ".exr"])
     });
-    let n_beside = beside.count();
-    let note = (n_beside > 0).then(|| {
-        format!("{n_beside} images and material libraries in the archive are not read: unpack it to have them")
-    });
+    let n_beside = beside.filter(|other| !is_hidden(other)).count() as u64;
     let mut entry = archive.by_index(index).map_err(|error| damaged(&error))?;
     let mut spool = options.spool();
     let mut buffer = vec![0; 1 << 20];
@@ -208,7 +205,7 @@ pub(super) fn unzip(file: &RawFile, options: &StageOptions) -> Result<(RawFile, 
         }
     }
     let base: String = name.rsplit('/').next().unwrap_or_default().escape_default().collect();
-    Ok((spool.finish(&file.path().join(base))?, note))
+    Ok((spool.finish(&file.path().join(base))?, n_beside))
 }
 
 /// A file that is read from a place on.

@@ -97,14 +97,17 @@ fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
     let first = &first[..n];
     let is_stl = stl::has_fitting_length(&file)?;
     if !is_stl && containers::is_zip(first) {
-        let (inside, note) = containers::unzip(&file, options)?;
+        let (inside, n_beside) = containers::unzip(&file, options)?;
         if containers::is_zip(&start_of(&inside)?) {
             return Err(file.bad("this is an archive in an archive: unpack it first"));
         }
         let mut source = open_raw(inside, options)?;
-        note.into_iter().for_each(|note| {
-            source.note(Loss { kind: LossKind::Elements, ..Loss::remark(note) });
-        });
+        if n_beside > 0 {
+            let what = "images and material libraries in the archive";
+            let loss = Loss::new(LossKind::Images, what, "not read").count(n_beside);
+            let loss = loss.remedy("unpack it to have them");
+            source.note(if source.materials().is_some() { loss.whole() } else { loss.notice() });
+        }
         return Ok(source);
     }
     if let (false, Some(encoding)) = (is_stl, encodings::utf16(first)) {

@@ -41,7 +41,13 @@ pub struct MeshSink {
 /// Names of the components of colours.
 const COLOURS: [&str; 9] =
     ["red", "green", "blue", "diffuse_red", "diffuse_green", "diffuse_blue", "r", "g", "b"];
-const OPACITY: [&str; 2] = ["alpha", "diffuse_alpha"];
+/// Names of opacity; the last one only beside a colour of the same form.
+const OPACITY: [&str; 3] = ["alpha", "diffuse_alpha", "a"];
+
+fn is_opacity(name: &str, schema: &VertexSchema) -> bool {
+    let has_letters = || ["r", "g", "b"].iter().all(|name| schema.own_property(name).is_some());
+    OPACITY.contains(&name) && (name != "a" || has_letters())
+}
 
 /// Parts of vertices and faces that a kind of file does not have. Normals of STL are those of its facets.
 fn lost_parts(header: &OutputHeader, kind: OutputKind) -> Ledger {
@@ -90,7 +96,7 @@ fn lost_parts(header: &OutputHeader, kind: OutputKind) -> Ledger {
         !COLOURS.contains(&name)
             && !is_texture(name)
             && !is_normal(name)
-            && !OPACITY.contains(&name)
+            && !is_opacity(name, &header.schema)
     });
     lose(LossKind::Attributes, "properties of vertices", &lost, ("PLY has", true));
     let mut faces = named(&|origin| moved.contains(&origin));
@@ -137,7 +143,7 @@ fn lost_opacity(schema: &VertexSchema, kind: OutputKind) -> Option<(Scalar, usiz
     let mut at = schema.position_bytes();
     for property in &schema.properties {
         let name = property.name.as_str();
-        if OPACITY.contains(&name) && kept != Some(name) {
+        if is_opacity(name, schema) && kept != Some(name) {
             return Some((property.scalar, at, property.full()));
         }
         at += property.scalar.bytes();

@@ -323,3 +323,24 @@ fn faces_without_coordinates_of_their_image_are_named() {
     let said = expect(folder, "convert in.gltf out.glb --force", 0);
     assert!(said.contains("faces without texture coordinates: their material"), "{said}");
 }
+
+#[test]
+fn integers_are_colours_also_where_the_file_does_not_say_normalized() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    // Linear 0.25 of opacity 64 / 255 at each vertex, in four bytes that lie in a float.
+    let colour = f32::from_le_bytes([255, 64, 0, 64]);
+    for normalized in [true, false] {
+        triangle(folder, &[colour; 3], |document| {
+            let positions = document["accessors"][0].clone();
+            document["accessors"] = json!([positions, {
+                "bufferView": 1, "componentType": 5121, "count": 3, "type": "VEC4", "normalized": normalized
+            }]);
+            document["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 1.into();
+        });
+        let said = expect(folder, "convert in.gltf out.ply --format ascii --force", 0);
+        assert!(!said.contains("lost"), "{normalized}\n{said}");
+        let text = std::fs::read_to_string(folder.join("out.ply")).unwrap();
+        assert!(text.contains("\n1 0 0 255 137 0 64\n"), "{normalized}\n{text}");
+    }
+}

@@ -206,3 +206,95 @@ fn normals_of_the_input_are_named_by_extract() {
         assert_eq!(said.contains("normals: not carried from tiles"), is_named, "{said}");
     }
 }
+
+#[test]
+fn lists_of_floats_are_corners_if_they_are_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let head = |format: &str, count: &str, item: &str| {
+        format!(
+            "ply\nformat {format} 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+             element face 2\nproperty list {count} {item} vertex_indices\nend_header\n"
+        )
+    };
+    let positions = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0];
+    // A number of the list: floats and doubles, in either order of bytes.
+    let number = |kind: &str, big: bool, x: f64| {
+        let mut bytes = match kind {
+            "float" => (x as f32).to_le_bytes().to_vec(),
+            "double" => x.to_le_bytes().to_vec(),
+            _ => (x as i32).to_le_bytes().to_vec(),
+        };
+        if big {
+            bytes.reverse();
+        }
+        bytes
+    };
+    let corners = [4.0, 0.0, 1.0, 2.0, 3.0, 3.0, 3.0, 2.0, 1.0];
+    for (count, item) in [("float", "int"), ("int", "float"), ("double", "double")] {
+        let text = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n3.0 3.0 2 1\n";
+        std::fs::write(at.join("in.ply"), head("ascii", count, item) + text).unwrap();
+        expect(at, "convert in.ply out.ply --format ascii --force", 0);
+        let expected = std::fs::read_to_string(at.join("out.ply")).unwrap();
+        assert!(expected.contains("element face 3\n"), "{expected}");
+        for (format, big) in [("binary_little_endian", false), ("binary_big_endian", true)] {
+            let mut bytes = head(format, count, item).into_bytes();
+            for x in positions {
+                bytes.extend(number("float", big, x.into()));
+            }
+            for (i, &x) in corners.iter().enumerate() {
+                bytes.extend(number(if i % 5 == 0 { count } else { item }, big, x));
+            }
+            std::fs::write(at.join("in.ply"), bytes).unwrap();
+            expect(at, "convert in.ply out.ply --format ascii --force", 0);
+            let found = std::fs::read_to_string(at.join("out.ply")).unwrap();
+            assert_eq!(found, expected, "{count} {item} {format}");
+        }
+        let wrong = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1.5 2\n3 0 1 2\n";
+        std::fs::write(at.join("in.ply"), head("ascii", count, item) + wrong).unwrap();
+        assert!(expect(at, "info in.ply --check", 4).contains("1.5"));
+    }
+}
+
+#[test]
+fn lines_of_libraries_in_other_orders_are_read_or_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    image::RgbImage::new(2, 2).save(at.join("t.png")).unwrap();
+    image::RgbImage::new(2, 2).save(at.join("u.png")).unwrap();
+    let obj = "mtllib in.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n";
+    std::fs::write(at.join("in.obj"), obj).unwrap();
+    for (library, named) in [
+        ("newmtl a\nmap_Kd t.png -s 2 2 1\n", ""),
+        ("newmtl a\nmap_Kd \\\n  t.png\n", ""),
+        ("newmtl a\n# a comment \\\nmap_Kd t.png\n", ""),
+        ("newmtl a\nmap_Kd t.png\nnewmtl a\nKd 1 0 0\n", "materials described again 'a'"),
+        ("newmtl a\nmap_Kd t.png\nmap_Kd u.png\n", "second colour image of one material 'u.png'"),
+    ] {
+        std::fs::write(at.join("in.mtl"), library).unwrap();
+        let said = expect(at, "convert in.obj out.glb --force", 0);
+        let glb = crate::common::glb_json(&at.join("out.glb"));
+        assert_eq!(glb["images"].as_array().map(Vec::len), Some(1), "{library}{said}");
+        assert_eq!(said.contains("lost"), !named.is_empty(), "{library}{said}");
+        assert!(said.contains(named), "{library}{said}");
+    }
+}
+
+#[test]
+fn colours_in_words_that_nothing_reads_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let facet = "facet normal 0 0 1\ncolor 1 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
+    std::fs::write(at.join("in.stl"), format!("solid color\n{facet}endsolid color\n")).unwrap();
+    let said = expect(at, "convert in.stl out.ply", 3);
+    assert!(said.contains("lost: lines 'color' of facets"), "{said}");
+    for names in [["R", "G", "B", "A"], ["r", "g", "b", "a"]] {
+        let [r, g, b, a] = names.map(|name| format!("property uchar {name}\n"));
+        let head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n";
+        let faces = "element face 1\nproperty list uchar int vertex_indices\nend_header\n";
+        let rows = "0 0 0 255 0 0 64\n1 0 0 255 0 0 64\n0 1 0 255 0 0 64\n3 0 1 2\n";
+        std::fs::write(at.join("in.ply"), format!("{head}{r}{g}{b}{a}{faces}{rows}")).unwrap();
+        let said = expect(at, "convert in.ply out.glb --force", 0);
+        assert!(!said.contains("lost"), "{names:?}\n{said}");
+    }
+}

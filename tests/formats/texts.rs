@@ -250,7 +250,14 @@ fn an_archive_with_one_mesh_is_read() {
     assert_eq!(counts(&open("a.zip", &one, false).unwrap()), (4, 2));
     let with_images = zip(&[("a.obj", obj), ("a.png", b"x")]);
     let source = open("a.zip", &with_images, false).unwrap();
-    assert!(source.notes()[0].what.contains("unpack it"), "{:?}", source.notes());
+    assert!(source.notes()[0].remedy.contains("unpack it"), "{:?}", source.notes());
+    // A mesh that needs them has lost them.
+    let folder = tempfile::tempdir().unwrap();
+    let textured = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\n";
+    let whole = zip(&[("a.obj", textured.as_bytes()), ("a.mtl", b"newmtl a"), ("a.png", b"x")]);
+    std::fs::write(folder.path().join("a.zip"), whole).unwrap();
+    let said = crate::common::expect(folder.path(), "convert a.zip out.glb", 3);
+    assert!(said.contains("2 of them: not read; unpack it"), "{said}");
     let two = zip(&[("a.obj", obj), ("b.obj", obj)]);
     assert!(refusal("a.zip", &two).contains("2 of them meshes"));
     assert!(refusal("a.3mf", &zip(&[("3D/3dmodel.model", b"<model/>")])).contains("3MF"));

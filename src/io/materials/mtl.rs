@@ -5,7 +5,8 @@
 use super::description::{Image, ImageData, Map, MapKind, Material, Materials};
 use super::search::{Search, plain};
 use crate::encodings;
-use crate::text_lines::{parse_number, words};
+use crate::ply::raw::RawFile;
+use crate::text_lines::{Lines, parse_number, words};
 use stonecut_system::losses::{Loss, LossKind};
 
 /// Words of lines that name an image, and its kind.
@@ -30,6 +31,9 @@ const LOST_FILES: [&str; 8] =
 /// Lines of a material that are kept as text, at most.
 const MAX_LINES: usize = 100;
 
+/// Bytes of a name behind which options are looked for.
+const MAX_NAME: usize = 4096;
+
 /// Options of an image's line with the number of their values; those of `-o`, `-s` and `-t` may be fewer.
 const OPTIONS: [(&str, usize); 13] = [
     ("-blendu", 1),
@@ -53,24 +57,33 @@ pub fn after_word(n: usize, line: &[u8]) -> &[u8] {
 }
 
 /// Reads the materials of a library that `wanted` gives a number, as far as they are not known yet; `images` looks
-/// for files. A material that is there twice is the first. Words are read in any case.
+/// for files. A material that is there twice is the first, with a line. Words are read in any case.
 pub fn read_library(
-    text: &[u8],
+    text: Vec<u8>,
     images: &mut Search,
     wanted: &dyn Fn(&[u8]) -> Option<usize>,
     known: &mut [bool],
     out: &mut Materials,
 ) {
-    let mut current = None;
-    for line in text.split(|b| matches!(b, b'\n' | b'\r')) {
+    let (mut current, known_before) = (None, known.to_vec());
+    let file = RawFile::from_bytes("material library", text);
+    let (mut lines, mut line) = (Lines::of_obj(&file), Vec::new());
+    // What is in memory can be read; a line that is too long ends the library.
+    while lines.next(&mut line).is_ok_and(|is_there| is_there) {
+        let line = line.as_slice();
         let mut words = words(line);
         let Some(word) = words.next().and_then(|word| std::str::from_utf8(word).ok()) else {
             continue;
         };
         if word.eq_ignore_ascii_case("newmtl") {
-            current = wanted(after_word(word.len(), line)).filter(|&number| !known[number]);
+            let named = wanted(after_word(word.len(), line));
+            current = named.filter(|&number| !known[number]);
             if let Some(number) = current {
                 known[number] = true;
+            } else if let Some(number) = named.filter(|&number| !known_before[number]) {
+                let example = format!("'{}'", out.list[number].name);
+                let (what, why) = ("materials described again", "the first description is taken");
+                out.lose(Loss::new(LossKind::Materials, what, why).example(example));
             }
             continue;
         }
@@ -80,7 +93,11 @@ pub fn read_library(
         };
         if let Some(kind) = is(&MAPS).or_else(|| is(&OTHER_MAPS)) {
             let (options, name) = options_and_name(after_word(word.len(), line));
-            if !name.is_empty() && out.list[number].map(kind).is_none() {
+            if !name.is_empty() && out.list[number].map(kind).is_some() {
+                let what = format!("second {} of one material", kind.name());
+                let loss = Loss::new(LossKind::Images, what, "the first is taken");
+                out.lose(loss.example(format!("'{}'", encodings::name(name))));
+            } else if !name.is_empty() {
                 let data = ImageData::File(images.find(name));
                 let name = plain(&encodings::name(name));
                 let image = out.add_image(Image { name, data });
@@ -137,7 +154,7 @@ fn set<'a>(material: &mut Material, word: &str, words: impl Iterator<Item = &'a 
     true
 }
 
-/// Parts the options of an image's line from the name, which may have blanks.
+/// Parts the options of an image's line from the name, which may have blanks. Some programs write them behind it.
 fn options_and_name(text: &[u8]) -> (String, &[u8]) {
     /// The first word and what is behind it.
     fn split(text: &[u8]) -> (&[u8], &[u8]) {
@@ -160,6 +177,20 @@ fn options_and_name(text: &[u8]) -> (String, &[u8]) {
             rest = behind;
         }
     }
+    let is_option = |at: &usize| {
+        rest[*at - 1].is_ascii_whitespace() && option_of(split(&rest[*at..]).0).is_some()
+    };
+    let is_value = |word: &[u8]| {
+        let text = std::str::from_utf8(word).unwrap_or_default();
+        text.len() == 1 || ["on", "off"].contains(&text) || text.parse::<f64>().is_ok()
+    };
+    if let Some(at) = (1..rest.len().min(MAX_NAME)).find(is_option)
+        && let (behind, []) = options_and_name(&rest[at..])
+        && words(rest).last().is_some_and(is_value)
+    {
+        options.push(behind);
+        rest = rest[..at].trim_ascii_end();
+    }
     (options.join(" "), rest)
 }
 
@@ -175,6 +206,9 @@ mod tests {
             ("-clamp on -o 0.5 dir/my image.jpg", "-clamp on -o 0.5", "dir/my image.jpg"),
             ("-bm 0.2", "-bm 0.2", ""),
             ("-odd.png", "", "-odd.png"),
+            ("a b.png -s 2 2 -clamp on", "-s 2 2 -clamp on", "a b.png"),
+            ("-bm 1 a.png -s 2", "-bm 1 -s 2", "a.png"),
+            ("a -s b.png", "", "a -s b.png"),
         ] {
             let expected = (options.to_owned(), name.as_bytes());
             assert_eq!(options_and_name(text.as_bytes()), expected, "{text}");
@@ -183,14 +217,14 @@ mod tests {
 
     #[test]
     fn what_has_no_place_stays_as_text() {
-        let text = b"newmtl b\nKd 0.5\nnewmtl a\nKd 1 0 0.25\nTr 0.25\nillum 2\nNi 1.5\nmap_Kd x.png\nmap_Kd y.png\n\
+        let text = "newmtl b\nKd 0.5\nnewmtl a\nKd 1 0 0.25\nTr 0.25\nillum 2\nNi 1.5\nmap_Kd x.png\nmap_Kd y.png\n\
             Kd spectral f.rfl\nnewmtl a\nKd 0 0 0\n";
         let wanted = |name: &[u8]| (name == b"a").then_some(0);
         let mut out = Materials::default();
         out.list.push(Material::default());
         let mut known = [false];
         let mut images = Search::new("image", &[std::path::Path::new("/f")]);
-        read_library(text, &mut images, &wanted, &mut known, &mut out);
+        read_library(text.as_bytes().to_vec(), &mut images, &wanted, &mut known, &mut out);
         let material = &out.list[0];
         assert_eq!(material.base, [1.0, 0.0, 0.25, 0.75]);
         assert_eq!(material.mtl_lines, ["illum 2", "Ni 1.5", "Kd spectral f.rfl"]);

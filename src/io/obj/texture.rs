@@ -255,7 +255,7 @@ impl Libraries<'_> {
             Ok(text) => {
                 self.images.set_folders(&[folder_of(path), folder_of(self.obj)]);
                 let text = encodings::text_of_file(text);
-                read_library(&text, &mut self.images, wanted, known, out);
+                read_library(text, &mut self.images, wanted, known, out);
             }
             Err(error) => {
                 let shown = path.display();

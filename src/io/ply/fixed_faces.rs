@@ -60,7 +60,7 @@ impl FixedFaces {
                 }
             }
         }
-        let index = index.filter(|wire| wire.is_integer())?;
+        let index = index?;
         let single = match counts[..] {
             [Count { at, wire, .. }] if wire.bytes() == 1 => Some(at),
             _ => None,
@@ -186,8 +186,13 @@ pub fn corners4(bytes: &[u8], load: impl Fn([u8; 4]) -> u64) -> [u64; 3] {
     [0, 4, 8].map(|at| load(bytes[at..at + 4].try_into().expect("4 bytes")))
 }
 
-/// An index of any integer type; a negative one becomes `u64::MAX`, which no vertex has.
+/// An index of any type; one that is negative or not whole becomes `u64::MAX`, which no vertex has.
 pub fn wire_index(wire: Wire, bytes: &[u8], swap: bool) -> u64 {
+    if !wire.is_integer() {
+        let value = wire_value(wire, bytes, swap);
+        let is_index = (0.0..9e15).contains(&value) && value.fract() == 0.0;
+        return if is_index { value as u64 } else { u64::MAX };
+    }
     let n = wire.bytes() as usize;
     let mut little = [0u8; 8];
     little[..n].copy_from_slice(&bytes[..n]);

@@ -109,7 +109,7 @@ pub enum Kind {
     Scalar(Wire),
     /// A count, then that many numbers.
     List {
-        /// An integer type.
+        /// Any type; as a rule an integer one.
         count: Wire,
         /// Any type.
         item: Wire,
@@ -151,13 +151,15 @@ impl Element {
 
     /// Gives names that differ from known ones in case only their usual form, group by group.
     fn spell_as_known(&mut self) {
-        const KNOWN: [&[&str]; 12] = [
+        const KNOWN: [&[&str]; 14] = [
             &["x", "y", "z"],
             &["nx", "ny", "nz"],
             &["red", "green", "blue"],
             &["diffuse_red", "diffuse_green", "diffuse_blue"],
+            &["r", "g", "b", "a"],
             &["r", "g", "b"],
             &["alpha"],
+            &["diffuse_alpha"],
             &["s", "t"],
             &["u", "v"],
             &["texture_u", "texture_v"],
@@ -243,15 +245,15 @@ impl Header {
     }
 }
 
-/// The name that a comment or a line `obj_info` gives to an image: `TextureFile NAME`, also with a colon.
+/// The name that a comment or a line `obj_info` gives to an image: `TextureFile NAME`, also with a colon or `=`.
 pub fn texture_file(line: &str) -> Option<&str> {
     const WORD: &str = "TextureFile";
     let line = line.trim_start();
     let word = line.get(..WORD.len()).filter(|word| word.eq_ignore_ascii_case(WORD))?;
     let rest = &line[word.len()..];
-    let is_word = rest.starts_with(char::is_whitespace) || rest.starts_with(':') || rest.is_empty();
+    let is_word = rest.starts_with([':', '=', ' ', '\t']) || rest.is_empty();
     let rest = rest.trim_start();
-    is_word.then(|| rest.strip_prefix(':').unwrap_or(rest).trim())
+    is_word.then(|| rest.strip_prefix([':', '=']).unwrap_or(rest).trim())
 }
 
 struct Parser<'a> {
@@ -389,9 +391,6 @@ impl<'a> Parser<'a> {
             let (count, rest) = split_word(rest);
             let (item, rest) = split_word(rest);
             let (count, item) = (self.wire(count)?, self.wire(item)?);
-            if !count.is_integer() {
-                return Err(self.bad("the count of a list has a float type"));
-            }
             (Kind::List { count, item }, rest)
         } else {
             (Kind::Scalar(self.wire(first)?), rest)
@@ -483,8 +482,8 @@ mod tests {
             ("ply\nformat ascii 1.0\nelement vertex 99999999999999999999\nend_header\n", "line 3"),
             ("ply\nformat ascii 1.0\nproperty float x\nend_header\n", "before the first element"),
             (
-                "ply\nformat ascii 1.0\nelement v 1\nproperty list float int x\nend_header\n",
-                "float",
+                "ply\nformat ascii 1.0\nelement v 1\nproperty list real int x\nend_header\n",
+                "'real' is not a type",
             ),
         ];
         for (bytes, wanted) in cases {

@@ -142,15 +142,13 @@ fn choose_faces(file: &RawFile, header: &Header) -> Result<Option<usize>> {
 
 /// Refuses an element without a list of corners.
 fn check_corners(file: &RawFile, element: &Element) -> Result<()> {
-    let list = element.index_list().map(|list| element.properties[list].kind);
-    match list {
-        Some(super::header::Kind::List { item, .. }) if item.is_integer() => Ok(()),
-        Some(_) => Err(file.bad(format!("element {}: its corner indices are floats", element.name))),
-        None => Err(file.bad(format!(
-            "element {}: it has no list 'vertex_indices' or 'vertex_index', so its corners are unknown",
-            element.name
-        ))),
+    if element.index_list().is_some() {
+        return Ok(());
     }
+    Err(file.bad(format!(
+        "element {}: it has no list 'vertex_indices' or 'vertex_index', so its corners are unknown",
+        element.name
+    )))
 }
 
 /// The walk through the elements.

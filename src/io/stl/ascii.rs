@@ -112,7 +112,7 @@ pub fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawFile, St
     // Coordinates may stand on the next line, so what is awaited outlives the line.
     let mut awaited = 0;
     let mut position = [0f64; 3];
-    let mut comments = Vec::new();
+    let (mut comments, mut n_coloured) = (Vec::new(), 0);
     while lines.next(&mut line)? {
         if ended && line.contains(&0) {
             let at = lines.number;
@@ -172,6 +172,9 @@ pub fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawFile, St
                 if !goes_on {
                     break;
                 }
+            } else if token.eq_ignore_ascii_case(b"color") || token.eq_ignore_ascii_case(b"colour")
+            {
+                n_coloured += 1;
             } else if token.eq_ignore_ascii_case(b"vertex") && !is_end {
                 awaited = 3;
             } else if token.eq_ignore_ascii_case(b"loop") && is_end {
@@ -195,6 +198,12 @@ pub fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawFile, St
             lines.number,
             file.len()
         )));
+    }
+    if n_coloured > 0 {
+        let loss = Loss::new(LossKind::Colors, "lines 'color' of facets", "not read").whole();
+        staged
+            .losses
+            .lose(loss.count(n_coloured).remedy("export the mesh as PLY, which has colours"));
     }
     if facets.n_crossing > 0 {
         staged.notes.push(Loss::remark(crossing_note(facets.n_crossing)));
