@@ -3,7 +3,8 @@
 
     pip install pymeshlab trimesh open3d vtk meshio scipy numpy
     tools/format_peers.py STONECUT read FILE...    what each of them finds in FILE, against stonecut
-    tools/format_peers.py STONECUT write FILE...   FILE converted to each format, read by each of them
+    tools/format_peers.py STONECUT write FILE...   FILE converted to each format, read by each of them; without FILE, bumpy grids
+                                                   of 3,600 vertices with normals, colours and quality, in floats and doubles
 
 "same": the same triangles with the same corner positions (as floats) in the same orientation. Every reader
 runs in a process of its own, since some of them crash.
@@ -98,6 +99,26 @@ def compare(reader, path, wanted):
     return "same" if np.array_equal(found, wanted) else "other"
 
 
+def grid(path, dtype):
+    """A bumpy grid as a binary PLY whose positions have this type."""
+    i, j = (k.ravel() for k in np.mgrid[:60, :60])
+    rows = np.zeros(3600, [(name, dtype) for name in "xyz"] + [(n, "<f4") for n in ("nx", "ny", "nz", "quality")]
+                    + [(name, "u1") for name in ("red", "green", "blue")])
+    rows["x"], rows["y"], rows["z"] = i + 1 / 3, j / 7, np.sin(i / 3) * np.cos(j / 5)
+    rows["nz"], rows["quality"], rows["red"], rows["green"] = 1, i, 4 * i, 4 * j
+    at = (60 * np.arange(59)[:, None] + np.arange(59)).ravel()
+    faces = np.zeros(2 * len(at), [("n", "u1"), ("corners", "<i4", 3)])
+    faces["n"] = 3
+    faces["corners"] = np.concatenate([np.stack([at, at + 60, at + 1], 1), np.stack([at + 1, at + 60, at + 61], 1)])
+    kinds = {"<f4": "float", "<f8": "double", "|u1": "uchar"}
+    lines = [f"property {kinds[rows.dtype[name].str]} {name}" for name in rows.dtype.names]
+    head = ["ply", "format binary_little_endian 1.0", "element vertex 3600", *lines, f"element face {len(faces)}",
+            "property list uchar int vertex_indices", "end_header", ""]
+    with open(path, "wb") as file:
+        file.write("\n".join(head).encode() + rows.tobytes() + faces.tobytes())
+    return path
+
+
 def main():
     if sys.argv[1] == "compare":
         print(compare(*sys.argv[2:]))
@@ -106,6 +127,8 @@ def main():
     print("| file | stonecut | " + " | ".join(READERS) + " |\n|---|---|" + "---|" * len(READERS))
     with tempfile.TemporaryDirectory() as folder:
         wanted = os.path.join(folder, "wanted.npy")
+        if mode == "write" and not files:
+            files = [grid(os.path.join(folder, f"grid_{dtype[1:]}.ply"), dtype) for dtype in ("<f4", "<f8")]
         for path in files:
             vertices, triangles = own(stonecut, path, folder)
             np.save(wanted, soup(vertices, triangles))
