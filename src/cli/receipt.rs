@@ -231,7 +231,7 @@ pub(super) fn outcome_of(report: &RunReport) -> ReceiptOutcome {
 }
 
 /// The parts of a receipt that follow from the files.
-pub(super) struct Taken {
+pub(super) struct TakenReceipt {
     pub(super) input: ReceiptInput,
     pub(super) outputs: Vec<ReceiptOutput>,
     pub(super) coordinates: ReceiptPlace,
@@ -244,8 +244,8 @@ pub(super) fn take(
     tolerance: f64,
     hashes: &mut Hashes,
     progress: &Progress,
-) -> Result<Taken> {
-    let mut taken = Taken {
+) -> Result<TakenReceipt> {
+    let mut taken = TakenReceipt {
         input: ReceiptInput { given, ..ReceiptInput::default() },
         outputs: Vec::new(),
         coordinates: ReceiptPlace::default(),

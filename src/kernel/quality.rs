@@ -163,7 +163,7 @@ impl Probes {
         }
     }
 
-    /// Every so many probes are enough on the way. In small meshes it is each one, so that a run which goes farther has
+    /// One probe in a few is enough on the way. In small meshes it is each one, so that a run which goes farther has
     /// seen what one that ends here sees, and judges no better.
     pub(crate) fn step_on_the_way(&self) -> usize {
         self.0.len().div_ceil(PROBES_ON_THE_WAY).max(1)
