@@ -58,10 +58,11 @@ impl Moment<'_> {
     }
 }
 
-type Follower<'a> = Box<dyn FnMut(&Moment) + 'a>;
+/// A function that follows a run.
+pub type Follower<'a> = Box<dyn FnMut(&Moment) + 'a>;
 
-/// Runs `work`, in another thread if there is somebody to follow it from this one.
-fn followed<T: Send>(
+/// Runs `work`, in another thread if there is a function to follow it from this one; a panic in it is an error as in `guarded`.
+pub fn followed<T: Send>(
     follower: Option<Follower>,
     work: impl FnOnce(&Progress) -> Result<T> + Send,
 ) -> Result<T> {

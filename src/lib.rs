@@ -51,6 +51,8 @@ pub mod pipeline;
 mod receipt;
 mod report;
 
+#[doc(hidden)]
+pub use builders::followed;
 pub use builders::{Measure, Moment, Simplify, Tiles};
 pub use measure::compare::Report as MeasureReport;
 pub use pipeline::in_memory;

@@ -132,6 +132,7 @@ fn attributes_follow_the_surface() {
             positions: mesh.positions.clone(),
             triangles: mesh.triangles.clone(),
             attributes,
+            ..Input::default()
         };
         let config = config(&format!("--ratio 5% --weight height=1 {cells}"));
         let output = simplify(input, &config, &Progress::default()).unwrap();

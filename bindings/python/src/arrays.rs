@@ -10,11 +10,10 @@ use pyo3::prelude::*;
 use std::ffi::OsString;
 use stonecut::cli::call;
 use stonecut::kernel::Interrupt;
-use stonecut::measure::{self, Options};
+use stonecut::measure::Options;
 use stonecut::mesh::property::{Property, Scalar};
-use stonecut::mesh::topology_counts;
 use stonecut::pipeline::in_memory::attributes::{Attributes, Column};
-use stonecut::pipeline::in_memory::{self, Input};
+use stonecut::pipeline::in_memory::{self, Input, given};
 use stonecut::{Error, Mesh};
 
 /// A mesh as it is given: points (n, 3) of float32 or float64; faces (m, 3) of int32, uint32, int64 or uint64.
@@ -87,7 +86,7 @@ pub fn simplify_arrays<'py>(
     let columns = columns.collect::<PyResult<_>>()?;
     let labels = &config.attributes.labels;
     let attributes = Attributes::new(columns, positions.len(), labels).map_err(fail)?;
-    let input = Input { positions, triangles, attributes };
+    let input = Input { positions, triangles, attributes, ..Input::default() };
     let done = watched(py, callback, |stop| {
         config.kernel.interrupt = Interrupt::when(stop.flag.clone());
         in_memory::simplify(input, &config, stop.progress)
@@ -142,39 +141,9 @@ pub fn measure_arrays(
     let options = Options { samples, seed, ..Options::default() };
     let options = Options { threads: threads.unwrap_or(options.threads), ..options };
     let report = watched(py, callback, |stop| {
-        let n = meshes[0].triangles.len() as u64;
-        stop.progress.begin("measure", 1, 1, n);
-        refuse_flat([&meshes[0], &meshes[1]])?;
-        let deviation = measure::two_sided(&meshes[0], &meshes[1], &options, stop.progress)?;
-        let topology =
-            |mesh: &Mesh| topology_counts::of_triangles(mesh.positions.len(), &mesh.triangles);
-        let file = |mesh: &Mesh| {
-            let topology = topology(mesh);
-            serde_json::json!({
-                "vertices": topology.vertices, "triangles": topology.triangles, "topology": topology,
-            })
-        };
-        let mut report = serde_json::to_value(&deviation)
-            .map_err(|e| Error::Internal(format!("the report cannot be written as JSON: {e}")))?;
-        report["original"] = file(&meshes[0]);
-        report["simplified"] = file(&meshes[1]);
-        report["seed"] = seed.into();
-        Ok(report)
+        given::measure([&meshes[0], &meshes[1]], &options, stop.progress)
     })?;
     Ok(report.to_string())
-}
-
-/// Refuses surfaces without area, as the command does: there is nothing to take a mean over.
-fn refuse_flat(meshes: [&Mesh; 2]) -> Result<(), Error> {
-    let named = ["original", "simplified"].into_iter().zip(meshes);
-    let flat = named.zip(measure::are_flat(meshes)).find(|(_, is_flat)| *is_flat);
-    let Some(((name, mesh), _)) = flat else { return Ok(()) };
-    let what = format!(
-        "its {} triangles have no area, so no mean deviation exists: every one of them is a point or a line; \
-         check points and faces",
-        mesh.triangles.len()
-    );
-    Err(Error::bad_input(name, what))
 }
 
 /// A scalar type by its numpy code.
@@ -234,47 +203,15 @@ fn positions<T: Element + Copy>(
     points: &numpy::PyReadonlyArray2<'_, T>,
     widen: impl Fn(T) -> f64,
 ) -> Result<Positions, Error> {
-    let (rows, _) = slice(points)?.as_chunks::<3>();
-    if rows.len() > u32::MAX as usize {
-        let what = format!("{} are too many for one mesh in memory: use simplify_file", rows.len());
-        return Err(Error::bad_input("points", what));
-    }
-    let mut out = Vec::with_capacity(rows.len());
-    for (row, point) in rows.iter().enumerate() {
-        let point = point.map(&widen);
-        if let Some(axis) = point.iter().position(|x| !x.is_finite()) {
-            let what = format!(
-                "row {row}: {} is {}; remove the vertex",
-                ["x", "y", "z"][axis],
-                point[axis]
-            );
-            return Err(Error::bad_input("points", what));
-        }
-        out.push(point);
-    }
-    Ok(out)
+    given::positions("points", slice(points)?.as_chunks::<3>().0.iter().copied(), widen)
 }
 
-/// Checks that every index is below the number of vertices; `widen` makes negative ones huge.
 fn triangles<T: Element + Copy + std::fmt::Display>(
     faces: &numpy::PyReadonlyArray2<'_, T>,
     n_vertices: usize,
     widen: impl Fn(T) -> u64,
 ) -> Result<Triangles, Error> {
-    let (rows, _) = slice(faces)?.as_chunks::<3>();
-    let mut out = Vec::with_capacity(rows.len());
-    for (row, given) in rows.iter().enumerate() {
-        let face = given.map(&widen);
-        if let Some(corner) = face.iter().position(|&v| v >= n_vertices as u64) {
-            let what = format!(
-                "row {row}: index {} is not one of the {n_vertices} points (counted from 0)",
-                given[corner]
-            );
-            return Err(Error::bad_input("faces", what));
-        }
-        out.push(face.map(|v| v as u32));
-    }
-    Ok(out)
+    given::triangles("faces", slice(faces)?.as_chunks::<3>().0.iter().copied(), n_vertices, widen)
 }
 
 fn slice<'a, T: Element>(array: &'a numpy::PyReadonlyArray2<'_, T>) -> Result<&'a [T], Error> {

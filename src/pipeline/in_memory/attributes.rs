@@ -4,14 +4,16 @@
 //! (docs/design/attributes.md): colours are averaged as they are seen, normals keep length 1, texture coordinates
 //! keep their seams, other integers are labels and never averaged.
 
+use super::regions::FaceRegions;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
-use crate::mesh::codec::{ChannelKind, VertexCodec};
+use crate::mesh::codec::{ChannelKind, TEXTURE_NAMES, VertexCodec};
 use crate::mesh::patches::PatchCount;
-use crate::mesh::property::{Property, Scalar};
+use crate::mesh::property::{Origin, Property, Scalar};
 use crate::mesh::record::VertexSchema;
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
+use std::ops::Range;
 
 /// Vertices worked on at a time by one thread.
 const BLOCK: usize = 1 << 14;
@@ -36,6 +38,7 @@ pub struct Attributes<'a> {
     plan: Option<(VertexSchema, VertexCodec)>,
     labels: Vec<String>,
     channel_kinds: Vec<ChannelKind>,
+    regions: Option<FaceRegions>,
 }
 
 impl<'a> Attributes<'a> {
@@ -74,7 +77,25 @@ impl<'a> Attributes<'a> {
         let codec = schema.kernel_codec(labels);
         let channel_kinds = codec.channel_kinds(&schema);
         let labels = labels.to_vec();
-        Ok(Attributes { columns, plan: Some((schema, codec)), labels, channel_kinds })
+        let plan = Some((schema, codec));
+        Ok(Attributes { columns, plan, labels, channel_kinds, regions: None })
+    }
+
+    /// Takes in the regions by which vertices were parted: another channel.
+    pub(super) fn set_regions(&mut self, regions: FaceRegions) {
+        let none = VertexSchema { coordinate: Scalar::F32, properties: Vec::new() };
+        let mut schema = self.plan.take().map_or(none, |(schema, _)| schema);
+        let property = Property::new("region", Scalar::I32);
+        schema.properties.push(Property { origin: Origin::Region, ..property });
+        let codec = schema.kernel_codec(&self.labels);
+        self.channel_kinds = codec.channel_kinds(&schema);
+        self.plan = Some((schema, codec));
+        self.regions = Some(regions);
+    }
+
+    /// Returns the regions by which vertices were parted.
+    pub(super) fn regions(&self) -> Option<&FaceRegions> {
+        self.regions.as_ref()
     }
 
     /// Finds the labels that lie in patches, whose borders are kept.
@@ -106,13 +127,30 @@ impl<'a> Attributes<'a> {
         self.columns.iter().map(|column| column.property.scalar.bytes()).sum()
     }
 
+    /// Bytes of a record that tell charts apart: texture coordinates and the number of their image.
+    pub(super) fn chart_bytes(&self) -> Vec<Range<usize>> {
+        let mut at = 0;
+        let places = self.columns.iter().map(|column| {
+            let bytes = column.property.scalar.bytes();
+            at += bytes;
+            (column.property.name.as_str(), at - bytes..at)
+        });
+        let is_chart =
+            |name: &str| name == "texnumber" || TEXTURE_NAMES.iter().flatten().any(|n| *n == name);
+        places.filter(|(name, _)| is_chart(name)).map(|(_, bytes)| bytes).collect()
+    }
+
     /// Gathers the values of a vertex behind an unused position.
-    fn gather(&self, vertex: usize, position_bytes: usize, record: &mut Vec<u8>) {
+    fn gather(&self, id: u32, position_bytes: usize, record: &mut Vec<u8>) {
         record.clear();
         record.resize(position_bytes, 0);
+        let row = self.regions.as_ref().map_or(id, |regions| regions.row(id)) as usize;
         for column in &self.columns {
-            let at = vertex * column.stride + column.offset;
+            let at = row * column.stride + column.offset;
             record.extend_from_slice(&column.bytes[at..at + column.property.scalar.bytes()]);
+        }
+        if let Some(regions) = &self.regions {
+            record.extend_from_slice(&regions.number(id).to_le_bytes());
         }
     }
 
@@ -138,7 +176,7 @@ impl<'a> Attributes<'a> {
                 out.resize((last - first) * n_channels, 0.0);
                 let mut record = Vec::new();
                 for (row, &id) in ids[first..last].iter().enumerate() {
-                    self.gather(id as usize, schema.position_bytes(), &mut record);
+                    self.gather(id, schema.position_bytes(), &mut record);
                     codec.decode_channels(&record, &mut out[row * n_channels..]);
                 }
                 Ok(())
@@ -156,10 +194,11 @@ impl<'a> Attributes<'a> {
         let mut records = Vec::with_capacity(source.len() * self.record_bytes());
         let (mut before, mut after) = (Vec::new(), Vec::new());
         for (v, &from) in (0u32..).zip(source) {
-            self.gather(from as usize, schema.position_bytes(), &mut before);
+            self.gather(from, schema.position_bytes(), &mut before);
             after.clear();
             codec.encode([0.0; 3], mesh.channels_of(v), &before, &mut after);
-            records.extend_from_slice(&after[schema.position_bytes()..]);
+            // Without the number of the region.
+            records.extend_from_slice(&after[schema.position_bytes()..][..self.record_bytes()]);
         }
         records
     }

@@ -7,6 +7,8 @@
 
 pub mod attributes;
 mod cells;
+pub mod given;
+mod regions;
 mod rounds;
 mod weld;
 mod whole;
@@ -26,6 +28,7 @@ use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
 use attributes::Attributes;
 use cells::CutMesh;
+use regions::FaceRegions;
 use rounds::Means;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -41,6 +44,8 @@ pub struct Input<'a> {
     pub triangles: Vec<[u32; 3]>,
     /// Attributes of the vertices.
     pub attributes: Attributes<'a>,
+    /// Labels of the triangles, whose borders are kept; none, or one for each.
+    pub labels: Vec<u32>,
 }
 
 /// The simplified mesh.
@@ -54,6 +59,8 @@ pub struct Output {
     pub source: Vec<u32>,
     /// Records of the vertices, as `Attributes::encode` makes them; empty without attributes.
     pub records: Vec<u8>,
+    /// Labels of the triangles; none, or one for each.
+    pub labels: Vec<u32>,
     /// Report of the run.
     pub report: Report,
 }
@@ -116,13 +123,18 @@ fn is_zero(n: &u64) -> bool {
 /// there; `BadInput` without triangles; `Empty` if nothing is left; `NoMemory` beyond `config.memory_bytes`;
 /// `Interrupted` after a wish of `progress`, or `config.kernel.interrupt`, to stop.
 pub fn simplify(input: Input, config: &Config, progress: &Progress) -> Result<Output> {
-    let Input { positions, triangles, mut attributes } = input;
+    let Input { positions, triangles, mut attributes, labels } = input;
     attributes.find_patches(&triangles);
     let n_vertices = positions.len() as u64;
-    let Welded { positions, triangles, ids } = weld(positions, triangles, config)?;
+    let mut welded = weld(positions, triangles, config)?;
+    let joined_vertices = n_vertices - welded.positions.len() as u64;
+    if !labels.is_empty() {
+        attributes.set_regions(FaceRegions::part(&mut welded, &labels, n_vertices as usize)?);
+    }
+    let Welded { positions, triangles, ids } = welded;
     let mut run = MemoryRun::new(&positions, &triangles, &attributes, config, progress)?;
     run.report.input.vertices = n_vertices;
-    run.report.input.joined_vertices = n_vertices - positions.len() as u64;
+    run.report.input.joined_vertices = joined_vertices;
     let mut mesh = Mesh::new(positions, triangles);
     run.drop_degenerate(&mut mesh);
     if mesh.triangles.is_empty() {
@@ -142,7 +154,27 @@ pub fn simplify(input: Input, config: &Config, progress: &Progress) -> Result<Ou
     let records = attributes.encode(&whole.mesh, &whole.ids);
     let report = run.report(&whole.mesh);
     let Mesh { positions, triangles, .. } = whole.mesh;
-    Ok(Output { positions, triangles, source: whole.ids, records, report })
+    let mut output =
+        Output { positions, triangles, source: whole.ids, records, report, labels: Vec::new() };
+    if let Some(regions) = attributes.regions() {
+        join(&mut output, regions, &attributes);
+    }
+    Ok(output)
+}
+
+/// Joins the vertices that were parted by labels.
+fn join(output: &mut Output, regions: &FaceRegions, attributes: &Attributes) {
+    let vertices = (&output.positions[..], &output.source[..]);
+    let triangles = std::mem::take(&mut output.triangles);
+    let joined = regions.join(vertices, triangles, &output.records, &attributes.chart_bytes());
+    let bytes = attributes.record_bytes();
+    let kept = || joined.vertices.iter().map(|&v| v as usize);
+    let records = kept().flat_map(|v| output.records[v * bytes..][..bytes].iter().copied());
+    output.records = records.collect();
+    output.positions = kept().map(|v| output.positions[v]).collect();
+    output.source = kept().map(|v| regions.row(output.source[v])).collect();
+    output.report.output.vertices = output.positions.len() as u64;
+    (output.triangles, output.labels) = (joined.triangles, joined.labels);
 }
 
 /// A run under way.
@@ -180,10 +212,14 @@ impl<'a> MemoryRun<'a> {
         let kernel = &config.kernel;
         // The number of a texture's image, as a property of PLY files names it.
         let image = ChannelKind::Scalar("texnumber".to_owned());
-        let confined = |m: &ChannelKind| *m == ChannelKind::Texture || *m == image;
+        let confined = |m: &ChannelKind| {
+            [ChannelKind::Texture, ChannelKind::Region, image.clone()].contains(m)
+        };
+        let kinds = attributes.channel_kinds();
         let options = Options {
-            confined: attributes.channel_kinds().iter().map(confined).collect(),
-            label: attributes.channel_kinds().iter().position(|k| *k == ChannelKind::Label),
+            confined: kinds.iter().map(confined).collect(),
+            region: kinds.iter().position(|k| *k == ChannelKind::Region),
+            label: kinds.iter().position(|k| *k == ChannelKind::Label),
             seam_share: config.attributes.weights.seam_share(),
             fit: kernel.fit.decided(n_triangles, target),
             ..kernel.clone()
