@@ -157,7 +157,11 @@ pub(crate) fn usable_bytes(request: &Request) -> u64 {
 
 pub(crate) fn whole_bytes(request: &Request) -> u64 {
     let has_region = request.options.region.is_some();
-    bytes_as_whole([request.original, request.simplified], request.options.samples, has_region)
+    let sources = [request.original, request.simplified];
+    // A certificate takes the trees over both at once.
+    let n = sources.map(MeshSource::n_triangles);
+    let second = if request.options.certify.is_some() { Tree::bytes(n[0].min(n[1])) } else { 0 };
+    bytes_as_whole(sources, request.options.samples, has_region) + second
 }
 
 /// Memory that comparing two meshes as a whole takes, beside what is taken already.
@@ -301,9 +305,8 @@ fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
         Options { region: options.region.as_ref().map(|region| region.in_unit(unit)), ..options };
     let options =
         Options { certify: options.certify.map(|certify| certify.in_unit(unit)), ..options };
-    let deviation = measure::two_sided(&original.mesh, &simplified.mesh, &options, progress)?;
     let meshes = [&original.mesh, &simplified.mesh];
-    let certificate = measure::certificate_in_memory(meshes, &deviation, &options, progress)?;
+    let (deviation, certificate) = measure::measured_and_enclosed(meshes, &options, progress)?;
     let certificate = certificate.map(|certificate| certificate.back(unit));
     let heat = if request.heat {
         let other = Parts::in_memory(&original.mesh, None);

@@ -6,7 +6,7 @@ use super::certificate::{Certificate, Certify, Verdict};
 use super::certify::Pair;
 use super::parts::{Means, Parts, Place, Survey};
 use super::triangle::Vector;
-use super::{Deviation, Options, Unit, two_sided};
+use super::{Deviation, Options, Unit, measure_in_own_unit};
 use stonecut_mesh::Mesh;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_system::error::{Error, Result};
@@ -19,20 +19,23 @@ pub(super) fn begin_certificate(original: &Parts, simplified: &Parts, progress: 
     progress.begin("certify", 3, 3, count(original) + count(simplified));
 }
 
-/// Encloses the Hausdorff distance of two surfaces in memory whose `deviation` was measured already.
-pub fn certificate_in_memory(
+/// Measures the deviation of two meshes in memory, and encloses their Hausdorff distance if asked for, by the same trees.
+///
+/// Coordinates must be of a size that needs no other unit.
+pub fn measured_and_enclosed(
     [original, simplified]: [&Mesh; 2],
-    deviation: &Deviation,
     options: &Options,
     progress: &Progress,
-) -> Result<Option<Certificate>> {
-    let Some(certify) = options.certify else { return Ok(None) };
+) -> Result<(Deviation, Option<Certificate>)> {
+    let (deviation, trees) = measure_in_own_unit(original, simplified, options, progress)?;
+    let Some(certify) = options.certify else { return Ok((deviation, None)) };
     let [original, simplified] = [original, simplified].map(|mesh| Parts::in_memory(mesh, None));
     begin_certificate(&original, &simplified, progress);
     let means =
         Means { threads: options.threads, memory_bytes: u64::MAX, progress, is_counted: true };
-    let pair = Pair::new([&original, &simplified], [None, None]);
-    pair.enclose([&deviation.forward, &deviation.backward], certify, means).map(Some)
+    let mut pair = Pair::new([&original, &simplified], [None, None]).with_trees(trees);
+    let enclosed = pair.enclose([&deviation.forward, &deviation.backward], certify, means)?;
+    Ok((deviation, Some(enclosed)))
 }
 
 /// Encloses the two-sided Hausdorff distance of two meshes in memory, as `options.certify` says; `two_sided`
@@ -64,10 +67,8 @@ pub fn enclose(
         mesh
     });
     let options = Options { certify: Some(certify.in_unit(unit)), region: None, ..options.clone() };
-    let deviation = two_sided(&first, &second, &options, progress)?;
-    let certificate = certificate_in_memory([&first, &second], &deviation, &options, progress)?;
-    let certificate = certificate.expect("it was asked for");
-    Ok(certificate.back(unit))
+    let (_, certificate) = measured_and_enclosed([&first, &second], &options, progress)?;
+    Ok(certificate.expect("it was asked for").back(unit))
 }
 
 /// Finds out if two surfaces are within `bound` (input units) of each other, both ways, and stops as soon as that is
@@ -96,6 +97,6 @@ pub fn within(
     let held: u64 = surveys.iter().flatten().map(Survey::bytes).sum();
     let means = Means { memory_bytes: memory_bytes.saturating_sub(held), ..means };
     begin_certificate(&turned[0], &turned[1], progress);
-    let pair = Pair::new([&turned[0], &turned[1]], [surveys[0].as_ref(), surveys[1].as_ref()]);
+    let mut pair = Pair::new([&turned[0], &turned[1]], [surveys[0].as_ref(), surveys[1].as_ref()]);
     pair.within(unit.of(bound), means).map(|verdict| verdict.back(unit))
 }

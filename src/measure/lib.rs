@@ -41,8 +41,7 @@ pub use carried::Carried;
 pub use certificate::{Beyond, Certificate, Certify, LEAST_TOLERANCE, On, Verdict};
 pub use colour::ColourChannels;
 pub use deviation::Deviation;
-pub use enclose::certificate_in_memory;
-pub use enclose::{enclose, within};
+pub use enclose::{enclose, measured_and_enclosed, within};
 pub use out_of_core::{Measured, distances, two_sided_parts};
 pub use parts::{Parts, Place};
 pub use region::{Region, TriangleSizes};
@@ -132,6 +131,17 @@ pub fn two_sided(
         let deviation = two_sided(&turned[0], &turned[1], &options, progress)?;
         return Ok(unit.deviation(deviation));
     }
+    measure_in_own_unit(original, simplified, options, progress).map(|(deviation, _)| deviation)
+}
+
+/// Measures both ways; also gives back the trees over both meshes where a certificate is to follow.
+fn measure_in_own_unit(
+    original: &Mesh,
+    simplified: &Mesh,
+    options: &Options,
+    progress: &Progress,
+) -> Result<(Deviation, [Option<Tree>; 2])> {
+    let boxes = [Bounds::of(original), Bounds::of(simplified)];
     // No two points of the two surfaces are farther apart than the diagonal of the common box.
     let reach = boxes[0].joined(&boxes[1]).diagonal() * (1.0 + 1e-12);
     let colours = options.colours;
@@ -141,9 +151,12 @@ pub fn two_sided(
     ];
     // Both ways take as many samples, so each is half of the work, which is counted in triangles.
     let scale = (reach, original.triangles.len() as u64);
-    let forward = one_sided(surfaces[0], surfaces[1], scale, options, progress)?;
-    let backward = one_sided(surfaces[1], surfaces[0], scale, options, progress)?;
-    Ok(Deviation::new(forward, backward, boxes[0].diagonal()))
+    let kept = |tree: Tree| options.certify.map(|_| tree);
+    let (forward, tree) = one_sided(surfaces[0], surfaces[1], scale, options, progress)?;
+    let over_simplified = kept(tree);
+    let (backward, tree) = one_sided(surfaces[1], surfaces[0], scale, options, progress)?;
+    let deviation = Deviation::new(forward, backward, boxes[0].diagonal());
+    Ok((deviation, [kept(tree), over_simplified]))
 }
 
 /// A mesh and what is known of its colours and the like.
@@ -235,7 +248,7 @@ fn one_sided(
     (reach, units): (f64, u64),
     options: &Options,
     progress: &Progress,
-) -> Result<Side> {
+) -> Result<(Side, Tree)> {
     let n_triangles = source.mesh.triangles.len();
     let corners_of = |i| target.mesh.corners(i);
     let tree = Tree::build_until(target.mesh.triangles.len(), corners_of, progress)?;
@@ -285,7 +298,7 @@ fn one_sided(
             Ok(())
         },
     )?;
-    Ok(sums.finish(tree.is_empty()))
+    Ok((sums.finish(tree.is_empty()), tree))
 }
 
 fn rows(block: u64, per_block: usize, n: usize) -> Range<usize> {

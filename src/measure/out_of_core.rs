@@ -102,7 +102,7 @@ fn in_own_unit(
     let certificate = match options.certify {
         Some(certify) => {
             begin_certificate(original, simplified, progress);
-            let pair = certify::Pair::new([original, simplified], [Some(first), Some(second)]);
+            let mut pair = certify::Pair::new([original, simplified], [Some(first), Some(second)]);
             Some(pair.enclose([&forward, &backward], certify, means)?)
         }
         None => None,

@@ -6,10 +6,11 @@
 
 use super::bound::upper;
 use super::piece::{Cut, Limits, Piece};
-use super::sheet::{Neighbours, Sheets};
+use super::sheet::{Frame, Neighbours, Sheets};
 use crate::certificate::{Beyond, MOST_BEYOND};
 use crate::tree::Tree;
 use crate::triangle::Vector;
+use stonecut_mesh::Mesh;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_system::error::Result;
 use stonecut_system::progress::Progress;
@@ -34,6 +35,12 @@ const FEW: usize = 6;
 
 /// Most halvings of a source triangle for sheets.
 const MOST_HALVED: u32 = 16;
+
+/// Distances to be proven, in what rounding hides, for which a bound that is not the least one will do.
+const ROUGH: f64 = 4.0;
+
+/// Vertices for which it is remembered which target triangle was near: those of a block of triangles, as a rule.
+const SEEN: usize = 1 << 13;
 
 /// Question that is put.
 #[derive(Clone, Copy, Debug)]
@@ -97,6 +104,8 @@ pub(super) struct Found {
     pub is_given_up: bool,
     /// Pieces looked at.
     pub n_steps: u64,
+    /// Source triangles, and halves of them, that the nearest target triangle was searched for.
+    pub n_searched: u64,
 }
 
 impl Found {
@@ -114,6 +123,7 @@ impl Found {
         }
         self.is_given_up |= other.is_given_up;
         self.n_steps += other.n_steps;
+        self.n_searched += other.n_searched;
     }
 
     /// The bound that holds a point too, which is exactly so far from the target; notes the point if it is far.
@@ -179,6 +189,14 @@ struct Open {
     slots: [u32; KEPT],
 }
 
+/// Findings about a piece that was not proven at once.
+struct Miss {
+    /// The target triangle nearest to its middle, if that is known.
+    nearest: Option<u32>,
+    /// Target triangles that a sheet over it had, if one was tried.
+    n_shown: usize,
+}
+
 /// One target tree, and what is being found out about the source.
 pub(super) struct Cover<'a> {
     tree: &'a Tree,
@@ -187,6 +205,10 @@ pub(super) struct Cover<'a> {
     per_cut: f64,
     progress: &'a Progress,
     hint: u32,
+    /// Target triangles that were last near a vertex of the source, by the last bits of its number.
+    seen: Vec<u32>,
+    /// The plane of the triangle that was tried last.
+    frame: Option<(u32, Option<Frame>)>,
     /// Proofs by sheets, where it is known which target triangles hang together.
     sheets: Option<Sheets<'a>>,
     stack: Vec<Open>,
@@ -212,6 +234,8 @@ impl<'a> Cover<'a> {
             per_cut,
             progress,
             hint: u32::MAX,
+            seen: Vec::new(),
+            frame: None,
             sheets: None,
             stack: Vec::new(),
             worst: None,
@@ -225,23 +249,38 @@ impl<'a> Cover<'a> {
         Cover { sheets: Some(Sheets::new(self.tree, neighbours)), ..self }
     }
 
+    /// Proves a triangle of a mesh, or leaves parts of it; those before it say which target triangles are near its vertices.
+    pub fn cover_triangle(&mut self, mesh: &Mesh, triangle: usize) -> Result<()> {
+        self.seen.resize(SEEN, u32::MAX);
+        let places = mesh.triangles[triangle].map(|v| v as usize % SEEN);
+        let near = places.map(|place| self.seen[place]);
+        self.cover_near(Piece::whole(mesh.corners(triangle)), &near)?;
+        places.into_iter().for_each(|place| self.seen[place] = self.hint);
+        Ok(())
+    }
+
     /// Proves one piece, or leaves parts of it.
     pub fn cover(&mut self, piece: Piece) -> Result<()> {
+        self.cover_near(piece, &[])
+    }
+
+    /// The same; target triangles that may be `near` are tried first.
+    fn cover_near(&mut self, piece: Piece, near: &[u32]) -> Result<()> {
         self.found.n_steps += 1;
         if self.tree.is_empty() {
             self.left.push(piece);
             return Ok(());
         }
-        match self.at_once(&piece) {
+        match self.at_once(&piece, near) {
             Ok(upper) => {
                 self.found.is_apart |= upper > 0.0;
                 self.found.upper = self.found.upper.max(self.goal.bound);
                 Ok(())
             }
-            Err(nearest) => {
+            Err(miss) => {
                 self.found.is_apart = true;
                 self.worst = None;
-                self.by_sheets(piece, nearest)?;
+                self.by_sheets(piece, miss)?;
                 let worst = self.worst.take();
                 self.found.beyond.extend(worst.filter(|_| self.found.beyond.len() <= MOST_BEYOND));
                 Ok(())
@@ -250,25 +289,29 @@ impl<'a> Cover<'a> {
     }
 
     /// Proves a source triangle, or halves of it, by sheets; searches where that fails.
-    fn by_sheets(&mut self, whole: Piece, nearest: Option<u32>) -> Result<()> {
+    fn by_sheets(&mut self, whole: Piece, miss: Miss) -> Result<()> {
         let size = whole.size();
         if self.sheets.is_none() {
-            return self.search(whole, nearest, size);
+            return self.search(whole, miss.nearest, size);
         }
-        let mut waiting = vec![(whole, nearest, self.hint)];
-        while let Some((piece, nearest, near)) = waiting.pop() {
+        let mut waiting = vec![(whole, miss, self.hint)];
+        while let Some((piece, Miss { nearest, n_shown }, near)) = waiting.pop() {
             let limit = self.limits(self.goal.bound).at(piece.depth);
-            let tried = self.sheets.as_mut().map(|sheets| sheets.prove(&piece, near, limit));
+            let tried = match n_shown > FEW {
+                true => Some(Err(n_shown)),
+                false => self.sheets.as_mut().map(|sheets| sheets.prove(&piece, near, limit)),
+            };
             match tried {
-                Some(Ok(())) => {
+                Some(Ok(over)) => {
+                    self.hint = over;
                     self.found.n_steps += 1;
                     self.found.upper = self.found.upper.max(self.goal.bound);
                 }
                 Some(Err(n)) if n > FEW && piece.depth < whole.depth + MOST_HALVED => {
                     for half in piece.halves() {
                         self.found.n_steps += 1;
-                        if let Err(nearest) = self.at_once(&half) {
-                            waiting.push((half, nearest, self.hint));
+                        if let Err(miss) = self.at_once(&half, &[]) {
+                            waiting.push((half, miss, self.hint));
                         }
                     }
                 }
@@ -283,19 +326,43 @@ impl<'a> Cover<'a> {
         Ok(())
     }
 
-    /// The bound that one triangle proves for the whole piece, if that is near enough. Otherwise the triangle that is nearest
-    /// to the middle, if it is known.
-    fn at_once(&mut self, piece: &Piece) -> Result<f64, Option<u32>> {
+    /// The bound that one triangle, or a sheet from the first of those that may be `near`, proves for the whole piece, if
+    /// that is near enough.
+    fn at_once(&mut self, piece: &Piece, near: &[u32]) -> Result<f64, Miss> {
         let limit = self.limits(self.goal.bound).at(piece.depth);
         // Where everything may be in its place still, only that counts at first.
-        let lazy = if self.goal.bound <= self.goal.floor { 0.0 } else { limit };
-        let guess = |slot: u32| piece.upper_within(self.tree.corners(slot), limit);
-        if (self.hint as usize) < self.tree.len()
-            && let Some(upper) = guess(self.hint)
-            && upper <= lazy
-        {
-            return Ok(upper);
+        let is_lazy = self.goal.bound <= self.goal.floor;
+        let lazy = if is_lazy { 0.0 } else { limit };
+        let last = self.hint;
+        let others = near.iter().copied().filter(|&slot| slot != last);
+        for slot in std::iter::once(last).chain(others) {
+            if (slot as usize) < self.tree.len()
+                && let Some(upper) = self.guess(piece, slot, limit)
+                && upper <= lazy
+            {
+                self.hint = slot;
+                return Ok(upper);
+            }
         }
+        // A small piece over an edge of the target: the triangles there are known by now.
+        let mut n_shown = 0;
+        if !is_lazy && let Some(sheets) = &mut self.sheets {
+            for &seed in near.iter().filter(|&&seed| (seed as usize) < self.tree.len()) {
+                self.found.n_steps += 1;
+                match sheets.prove(piece, seed, limit) {
+                    Ok(over) => {
+                        self.hint = over;
+                        return Ok(limit);
+                    }
+                    // One alone is beside the piece.
+                    Err(n) => n_shown = n_shown.max(n),
+                }
+                if n_shown > 1 {
+                    break;
+                }
+            }
+        }
+        self.found.n_searched += 1;
         let middle = piece.middle();
         // So near to the middle, a triangle is near enough to the corners as well.
         let enough = limit - piece.radius(middle);
@@ -305,7 +372,27 @@ impl<'a> Cover<'a> {
         self.hint = found.slot;
         // One that ended the search before its end need not be the nearest.
         let is_nearest = found.distance_sq > enough_sq;
-        guess(found.slot).ok_or(is_nearest.then_some(found.slot))
+        let guess = piece.upper_within(self.tree.corners(found.slot), limit);
+        guess.ok_or(Miss { nearest: is_nearest.then_some(found.slot), n_shown })
+    }
+
+    /// A bound for the whole piece by one triangle, if that is at most `limit`; that of the triangle tried last need not be the
+    /// least one.
+    #[inline]
+    fn guess(&mut self, piece: &Piece, slot: u32, limit: f64) -> Option<f64> {
+        let corners = self.tree.corners(slot);
+        if slot != self.hint || limit <= ROUGH * self.goal.floor {
+            return piece.upper_within(corners, limit);
+        }
+        if self.frame.as_ref().is_none_or(|(of, _)| *of != slot) {
+            self.frame = Some((slot, Frame::new(corners)));
+        }
+        let frame = self.frame.as_ref().and_then(|(_, frame)| frame.as_ref());
+        let is_near = |&point: &Vector| {
+            frame.is_some_and(|frame| frame.is_below(point, limit))
+                || upper(point, corners) <= limit
+        };
+        piece.corners.iter().all(is_near).then_some(limit)
     }
 
     fn limits(&self, bound: f64) -> Limits {
@@ -378,5 +465,51 @@ impl<'a> Cover<'a> {
         self.found.n_steps += steps;
         self.found.upper = self.found.upper.max(bound);
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+    use super::*;
+    use crate::certify::bound::off_edge;
+
+    /// A rolling square of `n` by `n` squares, or half as many along each axis.
+    fn waves(n: u32, step: u32) -> Mesh {
+        let m = n / step;
+        let place = |v: u32| {
+            let [x, y] = [v % (m + 1), v / (m + 1)].map(|i| f64::from(i * step) / f64::from(n));
+            [x, y, 0.1 * (5.0 * x).sin() * (4.0 * y).cos()]
+        };
+        let corners = |square: u32| {
+            let a = square / m * (m + 1) + square % m;
+            [[a, a + 1, a + m + 2], [a, a + m + 2, a + m + 1]]
+        };
+        let positions = (0..(m + 1) * (m + 1)).map(place).collect();
+        Mesh::new(positions, (0..m * m).flat_map(corners).collect())
+    }
+
+    #[test]
+    fn few_triangles_of_a_fine_mesh_need_a_search() {
+        let (fine, coarse) = (waves(96, 1), waves(96, 3));
+        let tree = Tree::build(coarse.triangles.len(), |i| coarse.corners(i));
+        let neighbours = Neighbours::new(&tree, &coarse);
+        let goal = Goal {
+            bound: 2e-3,
+            tolerance: 0.01,
+            floor: 1e-12,
+            stops_beyond: false,
+            listed_above: f64::INFINITY,
+        };
+        let progress = Progress::default();
+        let mut cover = Cover::new(&tree, Final::Always, goal, off_edge(1.0), &progress)
+            .with_sheets(&neighbours);
+        for i in 0..fine.triangles.len() {
+            cover.cover_triangle(&fine, i).unwrap();
+        }
+        assert_eq!((cover.found.upper, cover.found.far), (goal.bound, None));
+        let n = fine.triangles.len() as u64;
+        assert!(cover.found.n_searched < n / 8, "{} of {n}", cover.found.n_searched);
     }
 }

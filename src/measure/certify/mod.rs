@@ -16,6 +16,7 @@ mod witness;
 use super::certificate::{Certificate, Certify, LEAST_TOLERANCE, MOST_BEYOND, On, Verdict};
 use super::parts::{Means, Parts, Place, Survey};
 use super::side::Side;
+use super::tree::Tree;
 use super::triangle::Vector;
 use bound::{lower, off_edge, upper};
 use cover::{Far, Found, Goal};
@@ -35,6 +36,8 @@ pub(super) struct Pair<'a> {
     parts: [&'a Parts<'a>; 2],
     surveys: [Option<&'a Survey>; 2],
     boxes: [Vec<Bounds>; 2],
+    /// Trees over surfaces in memory, where they have been built.
+    trees: [Option<Tree>; 2],
 }
 
 impl<'a> Pair<'a> {
@@ -44,7 +47,12 @@ impl<'a> Pair<'a> {
             Some(survey) => survey.boxes.clone(),
             None => vec![parts[i].bounds],
         });
-        Pair { parts, surveys, boxes }
+        Pair { parts, surveys, boxes, trees: Default::default() }
+    }
+
+    /// The same with trees over those that are in memory: each is dropped when it was used.
+    pub fn with_trees(self, trees: [Option<Tree>; 2]) -> Self {
+        Pair { trees, ..self }
     }
 
     /// Bound on the rounding.
@@ -56,7 +64,7 @@ impl<'a> Pair<'a> {
 
     /// Encloses the distance; `sides` are those of a measurement, whose farthest points tell where to begin.
     pub fn enclose(
-        &self,
+        &mut self,
         sides: [&Side; 2],
         certify: Certify,
         means: Means,
@@ -143,7 +151,7 @@ impl<'a> Pair<'a> {
     }
 
     /// Proves both ways, one after the other; the bound grows where a point beyond it is found.
-    fn prove(&self, goal: &mut Goal, means: Means) -> Result<[Found; 2]> {
+    fn prove(&mut self, goal: &mut Goal, means: Means) -> Result<[Found; 2]> {
         let mut found = [Found::default(), Found::default()];
         let asked = goal.bound.min(goal.listed_above);
         for i in 0..2 {
@@ -152,7 +160,7 @@ impl<'a> Pair<'a> {
             let bound = if goal.listed_above.is_finite() { asked } else { goal.bound };
             let begin = Goal { bound, ..*goal };
             let way = Way { source, target, survey: self.surveys[1 - i], goal: begin };
-            found[i] = way.prove(means)?;
+            found[i] = way.prove(self.trees[1 - i].take(), means)?;
             goal.bound = goal.bound.max(found[i].upper);
             if found[i].is_over(goal) {
                 break;
@@ -173,7 +181,7 @@ impl<'a> Pair<'a> {
     }
 
     /// Finds out if the distance is at most `bound`, and stops as soon as that is certain.
-    pub fn within(&self, bound: f64, means: Means) -> Result<Verdict> {
+    pub fn within(&mut self, bound: f64, means: Means) -> Result<Verdict> {
         if self.is_one_mesh() {
             return Ok(Verdict::Within(0.0));
         }
@@ -211,7 +219,7 @@ impl<'a> Pair<'a> {
     }
 
     /// The interval of a distance that is about the bound.
-    fn undecided(&self, lower: f64, bound: f64, means: Means) -> Result<Verdict> {
+    fn undecided(&mut self, lower: f64, bound: f64, means: Means) -> Result<Verdict> {
         let floor = self.floor();
         let mut goal = Goal {
             bound: bound + 2.0 * floor,

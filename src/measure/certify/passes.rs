@@ -48,11 +48,12 @@ pub(super) struct Way<'a> {
 }
 
 impl Way<'_> {
-    /// Proves every triangle of the source within the bound, or raises it.
-    pub fn prove(&self, means: Means) -> Result<Found> {
+    /// Proves every triangle of the source within the bound, or raises it. `tree` is that over a target in memory, if it is
+    /// there already.
+    pub fn prove(&self, tree: Option<Tree>, means: Means) -> Result<Found> {
         let mut found = match (self.target.place, self.survey) {
             (Place::Cells(_), Some(survey)) => self.against_cells(survey, means)?,
-            _ => self.against_memory(means)?,
+            _ => self.against_memory(tree, means)?,
         };
         found.upper = found.upper.max(self.goal.bound);
         Ok(found)
@@ -64,18 +65,19 @@ impl Way<'_> {
     }
 
     /// The target is one tree; the source passes by.
-    fn against_memory(&self, means: Means) -> Result<Found> {
+    fn against_memory(&self, tree: Option<Tree>, means: Means) -> Result<Found> {
         let none = Mesh::default();
         let target = if let Place::Memory(mesh) = self.target.place { mesh } else { &none };
         let corners_of = |i| target.corners(i);
-        let tree = Tree::build_until(target.triangles.len(), corners_of, means.progress)?;
+        let build = || Tree::build_until(target.triangles.len(), corners_of, means.progress);
+        let tree = tree.map_or_else(build, Ok)?;
         let neighbours = Neighbours::new(&tree, target);
         let prove = |mesh: &Mesh, triangles: std::ops::Range<usize>| {
             let mut cover =
                 Cover::new(&tree, Final::Always, self.goal, self.per_cut(), means.progress)
                     .with_sheets(&neighbours);
             for i in triangles {
-                cover.cover(Piece::whole(mesh.corners(i)))?;
+                cover.cover_triangle(mesh, i)?;
                 if cover.found.is_over(&self.goal) {
                     break;
                 }

@@ -105,8 +105,8 @@ impl Shown {
     }
 }
 
-/// The plane of a piece.
-struct Frame {
+/// The plane of a piece, or of a target triangle.
+pub(super) struct Frame {
     corners: [Vector; 3],
     edges: [Vector; 2],
     shares: [Vector; 2],
@@ -114,8 +114,9 @@ struct Frame {
 }
 
 impl Frame {
-    fn new(piece: &Piece) -> Option<Frame> {
-        let [p, q, r] = piece.corners;
+    /// `None` where rounding would leave too little.
+    pub(super) fn new(corners: &[Vector; 3]) -> Option<Frame> {
+        let [p, q, r] = *corners;
         let (a, b) = (sub(q, p), sub(r, p));
         let normal = cross(a, b);
         let area_sq = length_sq(normal);
@@ -123,7 +124,7 @@ impl Frame {
             return None;
         }
         Some(Frame {
-            corners: piece.corners,
+            corners: *corners,
             edges: [a, b],
             shares: [
                 scale(cross(b, normal), 1.0 / area_sq),
@@ -131,6 +132,17 @@ impl Frame {
             ],
             up: scale(normal, 1.0 / area_sq.sqrt()),
         })
+    }
+
+    /// True if a point is shown at a place of the triangle that is within `limit` of it; false says nothing.
+    #[inline]
+    pub(super) fn is_below(&self, point: Vector, limit: f64) -> bool {
+        let shown = self.show(point);
+        // A sum that is not less than 1 is rounded to no less.
+        shown.at.x >= 0.0
+            && shown.at.y >= 0.0
+            && shown.at.x + shown.at.y < 1.0
+            && shown.height.abs() + shown.off <= limit
     }
 
     #[inline]
@@ -158,65 +170,111 @@ pub(super) struct Sheets<'a> {
     neighbours: &'a Neighbours,
     /// A bit for each triangle of the tree that the present sheet has.
     has: Vec<u64>,
-    sheet: Vec<u32>,
+    sheet: Vec<Taken>,
+    /// The corners of those that were looked at, in the order of `sheet`.
+    shown: Vec<[Shown; 3]>,
+}
+
+/// A triangle of a sheet: its place in the tree, and the edge over which it was taken, as a place in `sheet` and a side there.
+#[derive(Clone, Copy)]
+struct Taken {
+    slot: u32,
+    from: u32,
+    side: u8,
 }
 
 impl<'a> Sheets<'a> {
     pub fn new(tree: &'a Tree, neighbours: &'a Neighbours) -> Self {
-        Sheets { tree, neighbours, has: vec![0; tree.len().div_ceil(64)], sheet: Vec::new() }
+        let has = vec![0; tree.len().div_ceil(64)];
+        Sheets { tree, neighbours, has, sheet: Vec::new(), shown: Vec::new() }
     }
 
-    /// Proves that all of a piece is within `limit` of the sheet that the triangle `seed` belongs to. `Err` says nothing but
-    /// the number of triangles that were looked at.
-    pub fn prove(&mut self, piece: &Piece, seed: u32, limit: f64) -> Result<(), usize> {
-        let proven = Frame::new(piece).is_some_and(|frame| self.spread(&frame, seed, limit));
+    /// Proves that all of a piece is within `limit` of the sheet that the triangle `seed` belongs to; gives back a triangle that is
+    /// over about its middle. `Err` says nothing but the number of triangles that were looked at.
+    pub fn prove(&mut self, piece: &Piece, seed: u32, limit: f64) -> Result<u32, usize> {
+        let frame = Frame::new(&piece.corners);
+        let proven = frame.and_then(|frame| self.spread(&frame, seed, limit));
         let n = self.sheet.len();
-        for slot in self.sheet.drain(..) {
-            self.has[slot as usize / 64] = 0;
+        for taken in self.sheet.drain(..) {
+            self.has[taken.slot as usize / 64] = 0;
         }
-        if proven { Ok(()) } else { Err(n) }
+        self.shown.clear();
+        proven.ok_or(n)
     }
 
     /// Gathers the sheet from its seed.
-    fn spread(&mut self, frame: &Frame, seed: u32, limit: f64) -> bool {
-        self.take(seed);
-        let mut is_counted = false;
+    fn spread(&mut self, frame: &Frame, seed: u32, limit: f64) -> Option<u32> {
+        self.take(Taken { slot: seed, from: NONE, side: 0 });
+        let (mut is_counted, mut over) = (false, seed);
         let mut next = 0;
-        while let Some(&slot) = self.sheet.get(next) {
-            next += 1;
-            let shown = self.tree.corners(slot).map(|corner| frame.show(corner));
+        while let Some(&taken) = self.sheet.get(next) {
+            let (shown, entered) = self.show(frame, taken);
             if shown.iter().any(|p| !(p.at.x.abs() <= FAR && p.at.y.abs() <= FAR)) {
-                return false;
+                return None;
             }
             if !is_within(&shown, limit) {
-                return false;
+                return None;
             }
             match covers(&shown) {
-                Some(covers) => is_counted ^= covers,
-                None => return false,
+                Some(false) => {}
+                Some(true) => {
+                    is_counted = !is_counted;
+                    over = taken.slot;
+                }
+                None => return None,
             }
+            self.shown.push(shown);
             for k in 0..3 {
-                if !meets(&shown[k], &shown[(k + 1) % 3]) {
+                if k == entered || !meets(&shown[k], &shown[(k + 1) % 3]) {
                     continue;
                 }
-                let other = self.neighbours.0[slot as usize][k];
+                let other = self.neighbours.0[taken.slot as usize][k];
                 if other == NONE {
-                    return false;
+                    return None;
                 }
-                self.take(other);
+                self.take(Taken { slot: other, from: next as u32, side: k as u8 });
             }
             if self.sheet.len() > MOST {
-                return false;
+                return None;
             }
+            next += 1;
         }
-        is_counted
+        is_counted.then_some(over)
     }
 
-    fn take(&mut self, slot: u32) {
+    /// Shows the corners of a triangle; those that it has in common with the one it was taken from are known. Also gives back
+    /// the side between these, 3 if there is none.
+    #[inline]
+    fn show(&self, frame: &Frame, taken: Taken) -> ([Shown; 3], usize) {
+        let corners = self.tree.corners(taken.slot);
+        let Some(known) = self.shown.get(taken.from as usize) else {
+            return (corners.map(|corner| frame.show(corner)), 3);
+        };
+        let before = self.tree.corners(self.sheet[taken.from as usize].slot);
+        let [i, j] = [usize::from(taken.side), (usize::from(taken.side) + 1) % 3];
+        let (mut new, mut n_known) = (0, 0);
+        let shown = std::array::from_fn(|k| {
+            let corner = corners[k];
+            if corner == before[i] {
+                n_known += 1;
+                return known[i];
+            }
+            if corner == before[j] {
+                n_known += 1;
+                return known[j];
+            }
+            new = k;
+            frame.show(corner)
+        });
+        (shown, if n_known == 2 { (new + 1) % 3 } else { 3 })
+    }
+
+    fn take(&mut self, taken: Taken) {
+        let slot = taken.slot;
         let (word, bit) = (&mut self.has[slot as usize / 64], 1 << (slot % 64));
         if *word & bit == 0 {
             *word |= bit;
-            self.sheet.push(slot);
+            self.sheet.push(taken);
         }
     }
 }
