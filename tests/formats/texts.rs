@@ -167,8 +167,9 @@ fn colours_of_facets_are_read() {
     };
     // VisCAM: flag, red, green, blue.
     let viscam = [(0.0, 0x8000 | 31 << 10), (1.0, 0x8000 | 31), (2.0, 0)];
-    let (found, _) = read(binary(b"", &viscam));
+    let (found, notes) = read(binary(b"", &viscam));
     assert_eq!(found, ["255 0 0", "0 0 255", "255 255 255"]);
+    assert_eq!((notes[0].what.as_str(), notes[0].count), ("facets without colour", 1));
     // Magics: no flag, blue, green, red; the flag stands for the colour of all.
     let header = b"COLOR=\x0a\x14\x1e\xff,MATERIAL=";
     let (found, _) = read(binary(header, &[(0.0, 31), (1.0, 31 << 10), (2.0, 0x8000)]));

@@ -74,7 +74,6 @@ pub fn read_binary(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
     }
     let Reader { mut staged, welder, colours, comments, .. } = reader;
     let (colours, note) = colours.finish(file, options.spool())?;
-    let note = note.map(|note| Loss { kind: LossKind::Attributes, ..Loss::remark(note) });
     staged.notes.extend(note);
     Ok((welder.finish(file.path(), comments, colours)?, staged))
 }

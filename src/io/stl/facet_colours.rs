@@ -6,6 +6,7 @@
 
 use crate::ply::raw::{RawFile, Spool};
 use stonecut_system::error::Result;
+use stonecut_system::losses::{Loss, LossKind};
 
 /// Set where a facet has a colour (VisCAM), or where it has that of the header (Magics).
 const FLAG: u16 = 1 << 15;
@@ -73,16 +74,17 @@ impl FacetColours {
         Ok(())
     }
 
-    /// Three bytes for each facet in `out`, if there are colours; otherwise a note of bytes that are none.
+    /// Three bytes for each facet in `out`, if there are colours; and a line on facets without one, or on bytes that are none.
     pub(super) fn finish(
         mut self,
         file: &RawFile,
         mut out: Spool,
-    ) -> Result<(Option<Spool>, Option<String>)> {
+    ) -> Result<(Option<Spool>, Option<Loss>)> {
         let is_coloured = |part: &Part| part.whole.is_some() || part.is_viscam();
         if !self.parts.iter().any(is_coloured) {
             let n: u64 = self.parts.iter().map(|part| part.n_marked).sum();
             let note = format!("{n} facets have attribute bytes that are not colours: left out");
+            let note = Loss { kind: LossKind::Attributes, ..Loss::remark(note) };
             return Ok((None, (n > 0).then_some(note)));
         }
         self.fill(self.n_facets)?;
@@ -104,7 +106,9 @@ impl FacetColours {
             out.write(&colours)?;
             at += n as u64;
         }
-        Ok((Some(out), None))
+        let n_white: u64 = self.parts.iter().map(Part::n_white).sum();
+        let loss = Loss::new(LossKind::Colors, "facets without colour", "others have one: white");
+        Ok((Some(out), (n_white > 0).then(|| loss.count(n_white))))
     }
 }
 
@@ -112,6 +116,14 @@ impl Part {
     /// Returns whether all marks are colours as VisCAM has them.
     fn is_viscam(&self) -> bool {
         self.n_marked > 0 && self.n_flagged == self.n_marked
+    }
+
+    /// Facets without a colour.
+    fn n_white(&self) -> u64 {
+        match self.whole {
+            Some(_) => 0,
+            None => self.n_facets - if self.is_viscam() { self.n_flagged } else { 0 },
+        }
     }
 
     fn colour(&self, word: u16) -> [u8; 3] {
