@@ -152,8 +152,8 @@ int stonecut_measure(const stonecut_mesh *original, const stonecut_mesh *simplif
                      stonecut_result **result);
 
 /*
- * Runs a command from file to file, of any size: {"simplify", "scan.ply", "small.ply", "--ratio=1%"}, or measure, info, convert,
- * render, synth. Options that are not 0 are added to the words; options may be NULL.
+ * Runs a command from file to file, of any size: {"simplify", "scan.ply", "small.ply", "--ratio=1%"}, or measure, tiles, extract,
+ * info, convert, compare, render, synth. Options that are not 0 are added to the words; options may be NULL.
  *
  * Interrupted runs of simplify continue when the same words are given again. A path that begins with a dash needs "./" before it.
  */
