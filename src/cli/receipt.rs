@@ -16,6 +16,7 @@ use crate::receipt::{
     ABOUT, HashedFiles, MadeBy, ProvenInterval, Receipt, ReceiptInput, ReceiptOutcome,
     ReceiptOutput, ReceiptPlace, json,
 };
+use crate::store::job::fingerprint::unchanged;
 use crate::system::disk::{Disk, folder_of, read_regular};
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::{Seen, write_whole};
@@ -141,6 +142,13 @@ impl ReceiptWriter {
         let given = config.input.given().iter().map(|path| name_given(path, &hashes));
         let given = given.collect::<Result<_>>()?;
         let taken = take(config, given, TOLERANCE, &mut hashes, progress)?;
+        // The hashes are of what the run has read and written, or of nothing.
+        if let Some(done) = &report.done {
+            unchanged(&config.input, &done.input, Ok(()))?;
+            for (path, marks) in &done.outputs {
+                unchanged(&path.as_str().into(), marks, Ok(()))?;
+            }
+        }
         let build = match std::env::current_exe() {
             Ok(program) if typed.is_program => Some(of_file(&program, progress)?.sha256),
             _ => None,
@@ -308,4 +316,44 @@ fn companions(source: &MeshSource, hashes: &mut Hashes) -> Result<HashedFiles> {
 fn counts(topology: &Topology) -> Result<BTreeMap<String, i64>> {
     serde_json::from_value(json(topology)?)
         .map_err(|e| Error::Internal(format!("counts are not numbers: {e}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::job::{prepare, run_job};
+    use super::*;
+    use crate::config::Target;
+    use clap::Args;
+
+    /// An input that changes between the run and its receipt would have the wrong hash.
+    #[test]
+    fn files_that_have_changed_since_the_run_get_no_receipt() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let progress = Progress::default();
+        let text =
+            "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 0\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\n";
+        for changed in ["in.obj", "out.ply"] {
+            std::fs::write(path("in.obj"), text).unwrap();
+            let mut config = Config::new(path("in.obj"), path("out.ply"), Target::Triangles(2));
+            config.job.force = true;
+            let report = run_job(prepare(&config, &progress).unwrap(), &config, &progress);
+            let report = report.unwrap().unwrap();
+            let receipt = Some(path("r.json"));
+            let typed = TypedReceipt { receipt, ..TypedReceipt::default() };
+            let write = || {
+                let line = || TypedReceipt::augment_args(clap::Command::new("stonecut"));
+                let typed_run = Typed { output: &config.output, line, is_program: false };
+                let writer = typed.begin().unwrap().unwrap();
+                writer.write(typed_run, (&config, &report), &progress)
+            };
+            write().unwrap();
+            std::fs::remove_file(path("r.json")).unwrap();
+            let bytes = std::fs::read(path(changed)).unwrap();
+            std::fs::write(path(changed), bytes).unwrap();
+            let said = write().unwrap_err().to_string();
+            assert!(said.contains(changed) && said.contains("changed during the run"), "{said}");
+            assert!(!path("r.json").exists());
+        }
+    }
 }

@@ -49,28 +49,32 @@ fn as_ecmascript(x: f64) -> String {
     if x == 0.0 {
         return "0".to_owned();
     }
-    let text = format!("{:e}", x.abs());
+    // The digits of serde_json are the nearest, and even where two are: those of `{:e}` are not always.
+    let text = Value::from(x.abs()).to_string();
     let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+    let whole = mantissa.find('.').unwrap_or(mantissa.len()) as i32;
     let digits = mantissa.replace('.', "");
-    let exponent: i32 = exponent.parse().unwrap_or(0);
+    let n_leading = digits.len() - digits.trim_start_matches('0').len();
+    let digits = digits.trim_matches('0');
+    // Digits before the point; below 0, zeros behind it.
+    let point = exponent.parse::<i32>().unwrap_or(0) + whole - n_leading as i32;
     let sign = if x < 0.0 { "-" } else { "" };
     let n_digits = digits.len();
     let zeros = |n: i32| "0".repeat(n.unsigned_abs() as usize);
-    match exponent + 1 {
-        // The point stands behind the first `point` digits.
-        point @ 1..=21 if n_digits <= point as usize => {
+    match point {
+        1..=21 if n_digits <= point as usize => {
             format!("{sign}{digits}{}", zeros(point - n_digits as i32))
         }
-        point @ 1..=21 => {
+        1..=21 => {
             let (whole, rest) = digits.split_at(point as usize);
             format!("{sign}{whole}.{rest}")
         }
-        point @ -5..=0 => format!("{sign}0.{}{digits}", zeros(point)),
+        -5..=0 => format!("{sign}0.{}{digits}", zeros(point)),
         _ => {
             let (first, rest) = digits.split_at(1);
-            let point = if rest.is_empty() { "" } else { "." };
-            let plus = if exponent < 0 { "" } else { "+" };
-            format!("{sign}{first}{point}{rest}e{plus}{exponent}")
+            let dot = if rest.is_empty() { "" } else { "." };
+            let plus = if point < 1 { "" } else { "+" };
+            format!("{sign}{first}{dot}{rest}e{plus}{}", point - 1)
         }
     }
 }

@@ -139,7 +139,15 @@ impl Receipt {
     /// The bytes of the file, with the checksum filled in.
     pub(crate) fn sealed(mut self) -> Result<Vec<u8>> {
         self.sha256 = self.checksum()?;
-        Ok(canonical(&json(&self)?))
+        let bytes = canonical(&json(&self)?);
+        if bytes.len() as u64 > MOST_BYTES {
+            let what = format!(
+                "the receipt would have {} bytes, more than {MOST_BYTES}: too many files",
+                bytes.len()
+            );
+            return Err(Error::Usage(what));
+        }
+        Ok(bytes)
     }
 
     /// SHA-256 of everything but itself.
