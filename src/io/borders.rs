@@ -10,6 +10,7 @@ use super::restaged::{RowLayout, corner, each_row};
 use crate::ply::MeshSource;
 use crate::ply::lookup::Lookup;
 use crate::ply::raw::{RawFile, Spool};
+use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::property::Scalar;
 use stonecut_mesh::record::VertexSchema;
 use stonecut_mesh::vec3::Vec3;
@@ -23,9 +24,8 @@ const LEAST_WINDOW: u64 = 1 << 20;
 pub(crate) struct OpenEdge {
     /// In the sense of the face.
     pub ends: [u64; 2],
-    /// The face, and the corner at which the edge begins.
+    /// The face.
     pub row: u64,
-    pub corner: u8,
 }
 
 /// Open edges on their way.
@@ -36,9 +36,11 @@ pub(crate) struct BorderSpools {
 }
 
 /// Open edges of a mesh and the vertices at them.
-pub(crate) struct Borders {
+pub(crate) struct OpenBorders {
     vertices: RawFile,
     edges: RawFile,
+    /// The box of each part, before the mesh is placed.
+    pub boxes: Vec<Bounds>,
 }
 
 impl BorderSpools {
@@ -47,28 +49,29 @@ impl BorderSpools {
     }
 
     /// Appends the borders of a part, whose vertices and faces come behind all others.
-    pub fn append(&mut self, part: &Borders, first_vertex: u64, first_row: u64) -> Result<()> {
+    pub fn append(&mut self, part: &OpenBorders, first_vertex: u64, first_row: u64) -> Result<()> {
         each_record(&part.vertices, |[v, x, y, z]| {
             self.vertices.write(bytemuck::bytes_of(&[v + first_vertex, x, y, z]))
         })?;
-        each_record(&part.edges, |[ends, place]| {
+        each_record(&part.edges, |[ends, row]| {
             let both = first_vertex << 32 | first_vertex;
-            self.edges.write(bytemuck::bytes_of(&[ends + both, place + (first_row << 8)]))
+            self.edges.write(bytemuck::bytes_of(&[ends + both, row + first_row]))
         })
     }
 
-    pub fn finish(self, source: &std::path::Path) -> Result<Borders> {
-        Ok(Borders { vertices: self.vertices.finish(source)?, edges: self.edges.finish(source)? })
+    pub fn finish(self, source: &std::path::Path, boxes: Vec<Bounds>) -> Result<OpenBorders> {
+        let (vertices, edges) = (self.vertices.finish(source)?, self.edges.finish(source)?);
+        Ok(OpenBorders { vertices, edges, boxes })
     }
 }
 
-impl Borders {
-    /// Borders of a part, whose faces stand in `rows`; all numbers are below 2^32.
+impl OpenBorders {
+    /// OpenBorders of a part, whose faces stand in `rows`; all numbers are below 2^32.
     pub fn of(
         (vertices, schema): (&RawFile, &VertexSchema),
         (rows, layout): (&RawFile, RowLayout),
         options: &StageOptions,
-    ) -> Result<Borders> {
+    ) -> Result<OpenBorders> {
         let n_bytes = schema.record_bytes() as u64;
         let n_vertices = vertices.len() / n_bytes;
         let at_once = (options.memory_bytes / 12).max(LEAST_WINDOW);
@@ -79,7 +82,7 @@ impl Borders {
             let end = (first + at_once).min(n_vertices);
             let mut sums = vec![0u32; (end - first) as usize];
             each_row(rows, 0..rows.len(), layout, |row| {
-                each_side(row, |_, [a, b]| {
+                each_side(row, |[a, b]| {
                     let hash = hash(a, b);
                     for v in [a, b] {
                         if let Some(sum) = sums.get_mut(v.wrapping_sub(first) as usize) {
@@ -94,11 +97,10 @@ impl Borders {
             // Of sides that lead out of the window only the lower end is known.
             let may_be_open = |v: u64| sums.get(v.wrapping_sub(first) as usize) != Some(&0);
             each_row(rows, 0..rows.len(), layout, |row| {
-                each_side(row, |i, [a, b]| {
+                each_side(row, |[a, b]| {
                     let low = a.min(b);
                     if (first..end).contains(&low) && may_be_open(a) && may_be_open(b) {
-                        let place = number << 8 | (i as u64) << 1 | u64::from(a > b);
-                        let [p, q] = halves(place);
+                        let [p, q] = halves(number << 1 | u64::from(a > b));
                         return sides.push([low as u32, a.max(b) as u32, p, q]);
                     }
                     Ok(())
@@ -113,7 +115,7 @@ impl Borders {
             }
             first = end;
         }
-        out.finish(vertices.path())
+        out.finish(vertices.path(), Vec::new())
     }
 
     pub fn n_vertices(&self) -> u64 {
@@ -135,9 +137,9 @@ impl Borders {
 
     /// Calls `each` with every open edge; part by part.
     pub fn each_edge(&self, mut each: impl FnMut(OpenEdge) -> Result<()>) -> Result<()> {
-        each_record(&self.edges, |[ends, place]| {
+        each_record(&self.edges, |[ends, row]| {
             let ends = [ends >> 32, ends & u64::from(u32::MAX)];
-            each(OpenEdge { ends, row: place >> 8, corner: place as u8 })
+            each(OpenEdge { ends, row })
         })
     }
 }
@@ -150,8 +152,7 @@ impl BorderSpools {
             let Some([low, high, p, q]) = side.filter(|_| n % 2 == 1) else { return Ok(()) };
             let place = whole(p, q);
             let (a, b) = if place & 1 == 1 { (high, low) } else { (low, high) };
-            let place = place >> 8 << 8 | (place & 0xff) >> 1;
-            self.edges.write(bytemuck::bytes_of(&[whole(a, b), place]))
+            self.edges.write(bytemuck::bytes_of(&[whole(a, b), place >> 1]))
         };
         sides.drain(|side| {
             if last.is_some_and(|last| last[..2] == side[..2]) {
@@ -166,17 +167,16 @@ impl BorderSpools {
     }
 }
 
-/// Calls `each` with the sides of a face: the corner at which each begins, and its ends.
+/// Calls `each` with the ends of the sides of a face.
 #[inline(always)]
-fn each_side(row: &[u8], mut each: impl FnMut(usize, [u64; 2]) -> Result<()>) -> Result<()> {
+fn each_side(row: &[u8], mut each: impl FnMut([u64; 2]) -> Result<()>) -> Result<()> {
     let n = usize::from(row[0]);
     let Some(last) = n.checked_sub(1) else { return Ok(()) };
     let mut from = u64::from(corner(row, last));
-    let mut at = last;
     for i in 0..n {
         let to = u64::from(corner(row, i));
-        each(at, [from, to])?;
-        (from, at) = (to, i);
+        each([from, to])?;
+        from = to;
     }
     Ok(())
 }

@@ -28,6 +28,7 @@ mod open_options;
 mod output_format;
 pub mod ply;
 mod polygon;
+mod records;
 mod restaged;
 mod rounding;
 pub mod sidecars;

@@ -33,12 +33,17 @@ pub(crate) fn each_open(
 
 /// Those of some vertices, sorted, that are at open edges.
 pub(crate) fn open_among(source: &MeshSource, ids: &[u64]) -> Result<Vec<u64>> {
-    let mut is_one = vec![0u64; source.n_vertices().div_ceil(64) as usize];
-    ids.iter().for_each(|&v| is_one[(v / 64) as usize] |= 1 << (v % 64));
+    // A bit for the last digits of each: 1 MiB, however many vertices there are.
+    let mut may_be_one = vec![0u64; 1 << 17];
+    let place = |v: u64| ((v / 64) as usize & ((1 << 17) - 1), 1 << (v % 64));
+    for (word, bit) in ids.iter().map(|&v| place(v)) {
+        may_be_one[word] |= bit;
+    }
     let mut sums = vec![0u32; ids.len()];
     each_edge(source, |edge, hash| {
         for v in edge {
-            if is_one[(v / 64) as usize] >> (v % 64) & 1 == 1
+            let (word, bit) = place(v);
+            if may_be_one[word] & bit != 0
                 && let Ok(place) = ids.binary_search(&v)
             {
                 sums[place] ^= hash;

@@ -2,7 +2,7 @@
 
 use super::open_options::StageOptions;
 use crate::ply::header::Encoding;
-use crate::ply::raw::RawFile;
+use crate::ply::raw::{RawFile, Spool};
 use crate::ply::source::Staged;
 use crate::ply::{FaceBlock, FaceSchema, Faults, MeshSource, OutputHeader, TextureInfo};
 use std::ops::Range;
@@ -86,22 +86,41 @@ pub(crate) struct FaceRows {
 /// Writes the faces with their new corners; `None` if one has too many corners for a row.
 pub(crate) fn face_rows(
     source: &MeshSource,
+    number: impl FnMut(u64) -> Result<u32>,
+    options: &StageOptions,
+) -> Result<Option<FaceRows>> {
+    face_rows_with(source, number, options, |_, row, out| {
+        out.write(row)?;
+        Ok(1)
+    })
+}
+
+/// Gives rows with their new corners to `put`, which has the row's number in the source, and writes what becomes of it: some rows.
+/// If some rows are not of one size, `put` has the first ones again, from number 0.
+pub(crate) fn face_rows_with(
+    source: &MeshSource,
     mut number: impl FnMut(u64) -> Result<u32>,
     options: &StageOptions,
+    mut put: impl FnMut(u64, &mut Vec<u8>, &mut Spool) -> Result<u64>,
 ) -> Result<Option<FaceRows>> {
     let has_texture = source.has_corner_texture();
     let mut out = options.spool();
-    let plain = source.each_plain_row(|row| {
+    let (mut n_faces, mut n_bad, mut row) = (0u64, 0, Vec::new());
+    let mut n_read = 0;
+    let plain = source.each_plain_row(|own| {
         for i in 0..3 {
-            set_corner(row, i, number(u64::from(corner(row, i)))?);
+            set_corner(own, i, number(u64::from(corner(own, i)))?);
         }
-        out.write(row)
+        row.clear();
+        row.extend_from_slice(own);
+        n_faces += put(n_read, &mut row, &mut out)?;
+        n_read += 1;
+        Ok(())
     })?;
-    if let Some(n_faces) = plain {
+    if plain.is_some() {
         return Ok(Some(FaceRows { rows: out.finish(source.path())?, n_faces, n_bad: 0 }));
     }
-    out = options.spool();
-    let (mut n_faces, mut n_bad, mut row) = (0u64, 0, Vec::new());
+    (out, n_faces, n_read) = (options.spool(), 0, 0);
     if source.has_strips() {
         let mut block = FaceBlock::default();
         for index in 0..source.n_face_blocks() {
@@ -113,13 +132,13 @@ pub(crate) fn face_rows(
                 for &v in triangle {
                     row.extend_from_slice(&number(v)?.to_le_bytes());
                 }
-                out.write(&row)?;
-                n_faces += 1;
+                n_faces += put(n_read, &mut row, &mut out)?;
+                n_read += 1;
             }
         }
     } else {
         let mut is_too_wide = false;
-        n_bad = source.each_full_face(|_, face| {
+        n_bad = source.each_full_face(|place, face| {
             is_too_wide |= face.corners.len() > 127;
             if face.is_bad || is_too_wide {
                 return Ok(());
@@ -136,8 +155,8 @@ pub(crate) fn face_rows(
                 }
             }
             row.extend_from_slice(&face.values);
-            n_faces += 1;
-            out.write(&row)
+            n_faces += put(place, &mut row, &mut out)?;
+            Ok(())
         })?;
         if is_too_wide {
             return Ok(None);

@@ -45,7 +45,11 @@ impl Georeference {
         let files: Vec<String> = self
             .found_in
             .iter()
-            .map(|file| file.file_name().unwrap_or_default().to_string_lossy().into_owned())
+            .map(|file| match file.components().any(|part| part.as_os_str() == "..") {
+                // Not beside the mesh.
+                true => std::fs::canonicalize(file).unwrap_or(file.clone()).display().to_string(),
+                false => file.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            })
             .collect();
         format!("{crs}offset {x} {y} {z} ({})", files.join(", "))
     }
@@ -169,7 +173,10 @@ mod tests {
             let found = Georeference::beside(&folder.join("tile.obj")).unwrap();
             assert_eq!((found.crs.as_str(), found.offset), (crs, offset), "{name}");
             assert_eq!(found.found_in.len(), 1);
-            assert!(found.words().contains("offset"), "{}", found.words());
+            let named = name.rsplit_once("../").map_or(name, |(_, name)| name);
+            let words = found.words();
+            assert!(words.contains("offset") && words.contains(named), "{words}");
+            assert_eq!(words.contains("/a/"), name.starts_with(".."), "{words}");
         }
         let home = tempfile::tempdir().unwrap();
         assert_eq!(Georeference::beside(&home.path().join("a/b/tile.obj")), None);

@@ -38,6 +38,12 @@ fn tiles_of_any_format_and_rounding_become_one_closed_mesh() {
         assert_closed(&found, n_triangles, &words);
         assert_eq!(found["inputs"].as_array().unwrap().len(), 8);
         assert!(found["joined"].as_u64().unwrap() > 100, "{found}");
+        // A tile that is there under another name, too.
+        let ending = format!("tiles/tile_003.{format}");
+        std::fs::copy(at.join(&ending), at.join(format!("tiles/copy.{format}"))).unwrap();
+        let said = expect(at, "convert tiles joined.ply --force", 0);
+        assert!(said.contains("is the same mesh as"), "{said}");
+        assert_closed(&info(at, "joined.ply --check"), n_triangles, &words);
         std::fs::remove_dir_all(at.join("tiles")).unwrap();
     }
 }
@@ -234,6 +240,74 @@ fn trees_of_tiles_become_one_mesh_in_their_place() {
     let found = info(at, "earth.ply --check");
     assert_closed(&found, info(at, "glb --check")["triangles"].as_u64().unwrap(), "earth");
     assert_eq!(found["coordinate_bits"], 64, "places of the earth take doubles");
+    // A tile by itself lies as it does in the tree.
+    let alone = info(at, "b3dm/2.b3dm --check");
+    assert_eq!(
+        (alone["inputs"].as_array().unwrap().len(), &alone["file_format"]),
+        (1, &"3D Tiles".into())
+    );
     std::fs::remove_file(at.join("b3dm/2.b3dm")).unwrap();
     assert!(expect(at, "convert b3dm less.ply", 4).contains("2.b3dm"));
+}
+
+/// A vertex of one tile that lies on an edge of the next one splits that edge.
+#[test]
+fn t_junctions_between_files_are_closed() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for (kind, format) in [("statue", "obj"), ("statue", "glb"), ("terrain", "ply")] {
+        let words = format!(
+            "synth {kind} tiles --triangles 6000 --tiles 8 --format {format} --round 4 --t-junctions --force"
+        );
+        expect(at, &words, 0);
+        expect(at, &format!("synth {kind} whole.ply --triangles 6000 --force"), 0);
+        let (found, whole) = (info(at, "tiles --check"), info(at, "whole.ply --check"));
+        let parts = found["inputs"].as_array().unwrap().iter();
+        let in_parts: u64 = parts.map(|part| part["triangles"].as_u64().unwrap()).sum();
+        let count = |mesh: &Value, key: &str| mesh[key].as_u64().unwrap();
+        let n_split = in_parts - count(&whole, "triangles");
+        let n_closed = count(&found, "triangles") - in_parts;
+        assert!(n_closed > 20, "{words}: {found}");
+        // Edges on the outer border are split, too, and stay open.
+        let n_open = count(&whole, "boundary_edges") + n_split - n_closed;
+        assert_eq!(count(&found, "boundary_edges"), n_open, "{words}: {found}");
+        assert_eq!(found["components"], whole["components"], "{words}");
+        assert_eq!(count(&found, "non_manifold_edges"), 0, "{words}");
+        let said = expect(at, "convert tiles joined.ply --force", 0);
+        assert!(said.contains("were split where vertices of another file lie"), "{said}");
+        std::fs::remove_dir_all(at.join("tiles")).unwrap();
+    }
+    // Two squares; the right one has a vertex on the edge of the left one.
+    let left = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n";
+    let right = "v 1 0 0\nv 1 0.25 0\nv 1 1 0\nv 2 0 0\nf 1 4 2\nf 2 4 3\n";
+    std::fs::write(at.join("a.obj"), left).unwrap();
+    std::fs::write(at.join("b.obj"), right).unwrap();
+    expect(at, "convert a.obj b.obj out.obj", 0);
+    let found = info(at, "out.obj --check");
+    assert_eq!((found["triangles"].as_u64(), found["boundary_edges"].as_u64()), (Some(5), Some(5)));
+}
+
+/// Tiles that reach into each other hold the same triangles twice, each rounded by its own rule.
+#[test]
+fn files_that_overlap_hold_each_triangle_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth statue whole.ply --triangles 6000", 0);
+    let n_triangles = info(at, "whole.ply --check")["triangles"].as_u64().unwrap();
+    for format in ["obj", "glb"] {
+        let words = format!(
+            "synth statue tiles --triangles 6000 --tiles 8 --format {format} --round 4 --overlap 4%"
+        );
+        expect(at, &words, 0);
+        let said = expect(at, "convert tiles joined.ply --force", 0);
+        assert!(said.contains("that several hold were taken once"), "{said}");
+        assert_closed(&info(at, "joined.ply --check"), n_triangles, &words);
+        // A tile that is there under another name, too.
+        let ending = format!("tiles/tile_003.{format}");
+        std::fs::copy(at.join(&ending), at.join(format!("tiles/copy.{format}"))).unwrap();
+        let said = expect(at, "convert tiles joined.ply --force", 0);
+        assert!(said.contains("is the same mesh as"), "{said}");
+        assert_closed(&info(at, "joined.ply --check"), n_triangles, &words);
+        std::fs::remove_dir_all(at.join("tiles")).unwrap();
+    }
 }

@@ -3,18 +3,20 @@
 //! The set of parts does not depend on the order in which they are typed: each file once, by its full path, numbers in it
 //! as numbers. Nothing is opened here but folders and lists.
 
-use super::{InputSet, MeshPart, trees};
+use super::contents::{TileFrame, UpAxis, add_content};
+use super::{InputSet, MeshPart, affine, trees};
 use std::borrow::Cow;
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 use stonecut_system::disk::{open_input, read_regular};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::paths::{Paths, Role};
 
 /// Endings of mesh files, as they are looked for in folders.
-const ENDINGS: [&str; 5] = ["ply", "stl", "obj", "glb", "gltf"];
+const ENDINGS: [&str; 6] = ["ply", "stl", "obj", "glb", "gltf", "b3dm"];
 /// Bytes of a list at most.
 const MOST_LIST_BYTES: u64 = 64 << 20;
 /// Folders in folders that are looked into.
@@ -25,7 +27,21 @@ const MOST_DEPTH: usize = 8;
 pub struct InputPaths {
     given: Vec<PathBuf>,
     shown: PathBuf,
+    found: Found,
 }
+
+/// The set of some paths once it was looked up: a run has one, whatever happens to folders meanwhile.
+#[derive(Clone, Debug, Default)]
+struct Found(Arc<OnceLock<InputSet>>);
+
+/// Paths are equal by what was typed.
+impl PartialEq for Found {
+    fn eq(&self, _: &Found) -> bool {
+        true
+    }
+}
+
+impl Eq for Found {}
 
 impl InputPaths {
     /// Several paths; at least one.
@@ -42,7 +58,7 @@ impl InputPaths {
                 shown.into()
             }
         };
-        InputPaths { given, shown }
+        InputPaths { given, shown, found: Found::default() }
     }
 
     /// The paths that were typed, sorted.
@@ -71,12 +87,24 @@ impl InputPaths {
 
     /// Returns whether this is one mesh file, or standard input.
     pub fn is_one(&self) -> bool {
-        let is_one = |path: &PathBuf| list_of(path).is_none() && !path.is_dir() && !is_tree(path);
+        let is_one = |path: &PathBuf| {
+            list_of(path).is_none() && !path.is_dir() && !is_tree(path) && !is_tile(path)
+        };
         self.given.len() < 2 && self.given.iter().all(is_one)
     }
 
     /// The parts, each once. Errors: folders and lists that cannot be read or hold no mesh, or meshes of several formats.
-    pub fn set(&self) -> Result<InputSet> {
+    pub fn set(&self) -> Result<&InputSet> {
+        match self.found.0.get() {
+            Some(set) => Ok(set),
+            None => {
+                let set = self.look_up()?;
+                Ok(self.found.0.get_or_init(|| set))
+            }
+        }
+    }
+
+    fn look_up(&self) -> Result<InputSet> {
         let mut set = InputSet::default();
         for path in &self.given {
             if path == Path::new("-") && self.given.len() > 1 {
@@ -117,9 +145,9 @@ impl InputPaths {
 
     /// The first mesh file: one that files beside it may say the place of. As shown where none is found.
     pub fn first(&self) -> PathBuf {
-        let part = || self.set().ok()?.parts.into_iter().next();
+        let part = || self.set().ok()?.parts.first();
         let first = if self.is_one() { None } else { part() };
-        first.map_or_else(|| self.shown.clone(), |part| part.path)
+        first.map_or_else(|| self.shown.clone(), |part| part.path.clone())
     }
 
     /// All files that are read, each once.
@@ -129,8 +157,8 @@ impl InputPaths {
         }
         let set = self.set()?;
         let mut seen = HashSet::new();
-        let parts = set.parts.into_iter().map(|part| part.path);
-        Ok(parts.chain(set.found_in).filter(|path| seen.insert(path.clone())).collect())
+        let parts = set.parts.iter().map(|part| &part.path);
+        Ok(parts.chain(&set.found_in).filter(|path| seen.insert(*path)).cloned().collect())
     }
 }
 
@@ -143,6 +171,11 @@ fn list_of(path: &Path) -> Option<Cow<'_, Path>> {
 /// Returns whether a file describes a tree of tiles, by its name.
 fn is_tree(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name == "tileset.json")
+}
+
+/// Returns whether a file is a tile with a mesh in it, by its name.
+fn is_tile(path: &Path) -> bool {
+    path.extension().is_some_and(|end| end.eq_ignore_ascii_case("b3dm"))
 }
 
 /// The full path where links are followed; as typed where nothing is there.
@@ -189,8 +222,20 @@ fn add(path: &Path, set: &mut InputSet) -> Result<()> {
         set.losses.merge(&losses);
         return Ok(());
     }
-    set.parts.push(MeshPart::of(path));
-    Ok(())
+    add_file(path, set)
+}
+
+/// Adds a mesh; a tile lies as it does in a tree.
+fn add_file(path: &Path, set: &mut InputSet) -> Result<()> {
+    if !is_tile(path) {
+        set.parts.push(MeshPart::of(path));
+        return Ok(());
+    }
+    let frame = TileFrame { map: affine::NONE, replaces: true, up: UpAxis::Y };
+    match add_content(path, &frame, set)? {
+        true => Ok(()),
+        false => Err(Error::bad_input(path, "this tile holds no mesh")),
+    }
 }
 
 /// Adds all meshes of a folder; where it has none itself, those of the folders in it.
@@ -199,12 +244,13 @@ fn add_folder(folder: &Path, set: &mut InputSet) -> Result<()> {
     look(folder, MOST_DEPTH, &mut by_format)?;
     match by_format.len() {
         0 => {
-            let what = "no mesh in this folder (looked for .ply, .stl, .obj, .glb and .gltf)";
+            let what =
+                "no mesh in this folder (looked for .ply, .stl, .obj, .glb, .gltf and .b3dm)";
             Err(Error::bad_input(folder, what))
         }
         1 => {
-            set.parts.extend(by_format.into_values().flatten().map(MeshPart::of));
-            Ok(())
+            let mut files = by_format.into_values().flatten();
+            files.try_for_each(|path| add_file(&path, set))
         }
         _ => {
             let counts: Vec<String> = by_format
@@ -364,7 +410,7 @@ mod tests {
         let set = inputs.set().unwrap();
         let names: Vec<_> = set.parts.iter().map(|p| p.path.file_name().unwrap()).collect();
         assert_eq!(names, ["a9.obj", "a10.obj", "b.obj"]);
-        assert_eq!((set.repeated.len(), set.found_in), (3, vec![at("list.txt")]));
+        assert_eq!((set.repeated.len(), &set.found_in), (3, &vec![at("list.txt")]));
         assert!(inputs.display().to_string().ends_with(" and 2 others"));
         std::fs::write(at("c.ply"), "").unwrap();
         let error = InputPaths::from(folder.path()).set().unwrap_err().to_string();

@@ -79,7 +79,7 @@ impl Looks {
 }
 
 /// Length and checksum of a part of a file.
-fn content(file: &RawFile, offset: u64, n_bytes: u64) -> Result<(u64, u64)> {
+pub(super) fn content(file: &RawFile, offset: u64, n_bytes: u64) -> Result<(u64, u64)> {
     let mut hasher = Xxh3::new();
     let mut buffer = vec![0; 1 << 18];
     let mut at = 0;

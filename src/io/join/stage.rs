@@ -4,10 +4,10 @@
 //! Small parts are opened side by side, large ones one at a time. Disk: the joined mesh and one part; twice that where the layouts of
 //! parts differ. Does not join vertices (`weld`).
 
-use super::looks::Looks;
+use super::looks::{Looks, content};
 use super::schemas::{Union, widest};
 use super::{InputPaths, InputSet, MeshPart};
-use crate::borders::{BorderSpools, Borders};
+use crate::borders::{BorderSpools, OpenBorders};
 use crate::materials::NUMBER;
 use crate::names::NameUse;
 use crate::open::open_part;
@@ -16,7 +16,7 @@ use crate::ply::raw::{RawFile, Spool};
 use crate::ply::source::Staged;
 use crate::ply::{FaceSchema, MeshSource, OutputHeader, PartReport, TextureInfo, VertexBlock};
 use crate::restaged::{FaceRows, RowLayout, corner, each_row, face_rows, set_corner, staged_file};
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::sync::Arc;
 use stonecut_mesh::bounds::Bounds;
@@ -57,6 +57,8 @@ struct Gathered {
     comments: Option<Vec<String>>,
     obj_infos: Option<Vec<String>>,
     formats: HashSet<&'static str>,
+    /// Parts by what is in them.
+    known: HashMap<[(u64, u64); 2], usize>,
     reports: Vec<PartReport>,
     boxes: Vec<Bounds>,
     /// Offset that the first file names, if it does; `None` before there is one.
@@ -78,14 +80,19 @@ struct ReadPart {
     vertices: RawFile,
     faces: FaceRows,
     layout: FaceSchema,
-    borders: Borders,
+    borders: OpenBorders,
     bounds: Bounds,
+    /// Lengths and checksums of vertices and faces.
+    content: [(u64, u64); 2],
 }
 
 /// Opens all parts and stages them as one mesh; vertices are not joined yet.
 ///
 /// Errors: those of a part, under its name; with `skip_bad` such a part is left out and named.
-pub(crate) fn stage(input: &InputPaths, options: &StageOptions) -> Result<(MeshSource, Borders)> {
+pub(crate) fn stage(
+    input: &InputPaths,
+    options: &StageOptions,
+) -> Result<(MeshSource, OpenBorders)> {
     let set = input.set()?;
     let mut all = Gathered::new(options);
     let threads = options.threads.get().min(MOST_AT_ONCE);
@@ -126,7 +133,7 @@ pub(crate) fn stage(input: &InputPaths, options: &StageOptions) -> Result<(MeshS
         )?;
     }
     set.losses.entries().iter().for_each(|loss| all.staged.losses.lose(loss.clone()));
-    all.finish(input, &set, options)
+    all.finish(input, set, options)
 }
 
 fn read_part(part: &MeshPart, options: &StageOptions) -> Result<ReadPart> {
@@ -140,13 +147,17 @@ fn read_part(part: &MeshPart, options: &StageOptions) -> Result<ReadPart> {
     let layout =
         FaceSchema { texture: source.has_corner_texture(), properties: source.face_properties() };
     let rows = (&faces.rows, RowLayout::of(&layout));
-    let borders = Borders::of((&vertices, source.schema()), rows, options)?;
-    Ok(ReadPart { source, vertices, faces, layout, borders, bounds })
+    let borders = OpenBorders::of((&vertices, source.schema()), rows, options)?;
+    let sum = |file: &RawFile| content(file, 0, file.len());
+    let content = [sum(&vertices)?, sum(&faces.rows)?];
+    Ok(ReadPart { source, vertices, faces, layout, borders, bounds, content })
 }
 
 fn open(part: &MeshPart, options: &StageOptions) -> Result<MeshSource> {
     let mut options = options.clone();
-    let turns_up = options.read.placing.turns_up || part.placing.turns_up;
+    // A tile is turned as its tree says, whatever becomes of the whole.
+    let is_tile = !part.placing.is_none();
+    let turns_up = if is_tile { &part.placing } else { &options.read.placing }.turns_up;
     options.read.placing = part.placing.clone();
     options.read.placing.turns_up = turns_up;
     if options.read.names == NameUse::Carried {
@@ -174,6 +185,7 @@ impl Gathered {
             comments: None,
             obj_infos: None,
             formats: HashSet::new(),
+            known: HashMap::new(),
             reports: Vec::new(),
             boxes: Vec::new(),
             offset: None,
@@ -187,7 +199,13 @@ impl Gathered {
 
     /// Appends a part.
     fn add(&mut self, part: &MeshPart, read: ReadPart) -> Result<()> {
-        let ReadPart { source, vertices, faces, layout, borders, bounds } = read;
+        let ReadPart { source, vertices, faces, layout, borders, bounds, content } = read;
+        if let Some(known) = self.known.get(&content) {
+            let (path, known) = (part.path.display(), self.reports[*known].path.as_str());
+            let remark = format!("{path}: is the same mesh as {known}, and left out");
+            self.notes.lose(Loss::remark(remark));
+            return Ok(());
+        }
         let offset = source.offset();
         if *self.offset.get_or_insert(offset) != offset {
             let words =
@@ -209,6 +227,7 @@ impl Gathered {
             None => Vec::new(),
         };
         // Nothing fails for a fault of the part from here on.
+        self.known.insert(content, self.reports.len());
         self.coordinate = widest(self.coordinate, schema.coordinate);
         self.of_vertices.add(&schema.properties);
         self.of_faces.add(&layout.properties);
@@ -279,7 +298,7 @@ impl Gathered {
         input: &InputPaths,
         set: &InputSet,
         options: &StageOptions,
-    ) -> Result<(MeshSource, Borders)> {
+    ) -> Result<(MeshSource, OpenBorders)> {
         if self.rows.is_empty() {
             return Err(Error::bad_input(&**input, "none of these files can be read"));
         }
@@ -314,7 +333,7 @@ impl Gathered {
         };
         let path: &Path = input;
         let borders = std::mem::replace(&mut self.borders, BorderSpools::new(options));
-        let borders = borders.finish(path)?;
+        let borders = borders.finish(path, std::mem::take(&mut self.boxes))?;
         let mut vertices = std::mem::replace(&mut self.vertices, options.spool()).finish(path)?;
         let stays = |rows: &Rows| {
             let conversion = self.of_vertices.conversion(&rows.schema.properties);

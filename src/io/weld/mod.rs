@@ -6,11 +6,15 @@
 //! counts and a sample (`survey`): an input without a reason pays nothing. Only vertices at open edges are joined
 //! (`open_edges`). Equal positions within one cell are left to the kernel, and exact copies in STL to its reader.
 
+mod edits;
 mod neighbours;
+mod numbers;
+mod overlaps;
 mod rewrite;
+mod splits;
 mod survey;
 
-use super::borders::Borders;
+use super::borders::OpenBorders;
 use super::open_options::{StageOptions, Weld, WeldOptions};
 use crate::ply::{MeshSource, WeldReport};
 use stonecut_system::error::Result;
@@ -42,7 +46,7 @@ pub fn weld(source: MeshSource, options: &StageOptions) -> Result<MeshSource> {
 /// Joins the borders of parts that were staged as one mesh: exact copies always, others as `options.weld` says.
 pub fn join_parts(
     source: MeshSource,
-    borders: &Borders,
+    borders: &OpenBorders,
     options: &StageOptions,
 ) -> Result<MeshSource> {
     let plain = || WeldOptions { how: Weld::Auto, exact_above: 0, labels: Vec::new() };
@@ -54,14 +58,17 @@ pub fn join_parts(
     let mut report =
         source.weld().cloned().unwrap_or(WeldReport { vertices, ..WeldReport::default() });
     let (joined, distance) = (show_count(report.joined), found.distance);
-    report.notes = vec![match report.joined {
+    let line = match report.joined {
         0 => format!(
             "{n_parts} files have no vertices in common within {distance:.1e}; if they belong together, --weld DISTANCE"
         ),
         _ => format!(
             "{n_parts} files became one mesh: {joined} vertices lay within {distance:.1e} of another and were joined"
         ),
-    }];
+    };
+    if n_parts > 1 {
+        report.notes.insert(0, line);
+    }
     source.note_weld(report);
     Ok(source)
 }

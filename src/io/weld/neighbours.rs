@@ -15,12 +15,23 @@ const SIDE: f64 = 32.0;
 /// Cubes along the longest axis at most.
 const MOST_CUBES: f64 = (1u64 << 30) as f64;
 
+/// A vertex with the one that it joins, and the position of both: ten words. One that others join comes with `ITSELF_LAST`.
+pub(super) type Pairs = ExternalSort<10>;
+
+/// Stands for the vertex itself, behind all others.
+pub(super) const ITSELF_LAST: [u32; 2] = [u32::MAX; 2];
+
+/// In the number of a vertex: it is at no open edge, and joins those of other parts only.
+pub(super) const INSIDE: u64 = 1 << 40;
+
 /// Vertices on their way into cubes: cube, position, number.
 pub(super) struct Neighbours {
     sort: ExternalSort<11>,
     low: Vec3,
     side: f64,
     distance: f64,
+    /// Number of the first vertex behind each part.
+    ends: Vec<u64>,
 }
 
 /// A vertex that others may join.
@@ -34,7 +45,26 @@ impl Neighbours {
         let sides = sub(bounds.high, bounds.low);
         let longest = sides.into_iter().fold(0.0, f64::max);
         let side = (SIDE * distance).max(longest / MOST_CUBES);
-        Neighbours { sort, low: bounds.low, side, distance }
+        Neighbours { sort, low: bounds.low, side, distance, ends: Vec::new() }
+    }
+
+    /// The same of several parts.
+    pub fn of_parts(self, ends: Vec<u64>) -> Neighbours {
+        Neighbours { ends, ..self }
+    }
+
+    /// All pairs; `see` has the number of each vertex in them, some more than once.
+    pub fn pairs(self, mut pairs: Pairs, mut see: impl FnMut(u64) -> Result<()>) -> Result<Pairs> {
+        self.finish(|v, first, position| {
+            let ([v0, v1], [f0, f1]) = (halves(v), halves(first));
+            let [[x0, x1], [y0, y1], [z0, z1]] = position.map(|x| halves(x.to_bits()));
+            let [l0, l1] = ITSELF_LAST;
+            see(v)?;
+            see(first)?;
+            pairs.push([v0, v1, f0, f1, x0, x1, y0, y1, z0, z1])?;
+            pairs.push([f0, f1, l0, l1, x0, x1, y0, y1, z0, z1])
+        })?;
+        Ok(pairs)
     }
 
     fn cube(&self, x: f64, axis: usize) -> u32 {
@@ -60,8 +90,10 @@ impl Neighbours {
     }
 
     /// Calls `each` with every vertex that joins another one, that one, and its position.
-    pub fn finish(self, mut each: impl FnMut(u64, u64, Vec3) -> Result<()>) -> Result<()> {
-        let Neighbours { sort, low, side, distance } = self;
+    fn finish(self, mut each: impl FnMut(u64, u64, Vec3) -> Result<()>) -> Result<()> {
+        let Neighbours { sort, low, side, distance, ends } = self;
+        let part = |v: u64| ends.partition_point(|&end| end <= v & !INSIDE);
+        let may_join = |v: u64, other: u64| (v | other) & INSIDE == 0 || part(v) != part(other);
         let home = |position: Vec3| -> [u32; 3] {
             std::array::from_fn(|axis| ((position[axis] - low[axis]) / side) as u32)
         };
@@ -78,10 +110,14 @@ impl Neighbours {
             while firsts.front().is_some_and(|first| first.position[0] < position[0] - distance) {
                 firsts.pop_front();
             }
-            let is_near =
-                |first: &&First| length_sq(sub(position, first.position)) <= distance * distance;
+            let is_near = |first: &&First| {
+                length_sq(sub(position, first.position)) <= distance * distance
+                    && may_join(vertex, first.vertex)
+            };
             match firsts.iter().find(is_near) {
-                Some(first) if home(position) == cube => each(vertex, first.vertex, first.position),
+                Some(first) if home(position) == cube => {
+                    each(vertex & !INSIDE, first.vertex & !INSIDE, first.position)
+                }
                 Some(_) => Ok(()),
                 None => {
                     firsts.push_back(First { vertex, position });

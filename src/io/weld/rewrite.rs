@@ -4,15 +4,19 @@
 //! and by vertex again (the numbers that faces get). Vertices of one place with other texture coordinates stay apart, in
 //! exactly that place: the kernel keeps such seams together. Faces keep their order and all they carry.
 
-use super::neighbours::Neighbours;
+use super::edits::Edits;
+use super::neighbours::{ITSELF_LAST, Neighbours, Pairs};
+use super::numbers::{Numbers, Rest};
+use super::overlaps::{self, Overlap};
+use super::splits;
 use super::survey::{Found, each_position};
-use crate::borders::Borders;
+use crate::borders::OpenBorders;
 use crate::external_sort::{ExternalSort, halves, whole};
 use crate::open_edges::each_open;
 use crate::open_options::{StageOptions, Weld, WeldOptions};
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::{BLOCK_ROWS, MeshSource, OutputHeader, VertexBlock, WeldReport};
-use crate::restaged::{face_rows, restage};
+use crate::restaged::{face_rows_with, restage};
 use stonecut_mesh::codec::{ChannelKind, VertexCodec};
 use stonecut_mesh::vec3::Vec3;
 use stonecut_system::error::{Error, Result};
@@ -21,19 +25,17 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// Words of a vertex by the one that it joins, besides its properties: that one, texture, number, position.
 const OWN_WORDS: usize = 12;
-/// Stands for the vertex itself, behind all others.
-const ITSELF_LAST: [u32; 2] = [u32::MAX; 2];
 
 /// Joins what lies within `found.distance` of each other, at open edges.
 pub(super) fn join(
     source: MeshSource,
     found: &Found,
-    borders: Option<&Borders>,
+    borders: Option<&OpenBorders>,
     how: &WeldOptions,
     options: &StageOptions,
 ) -> Result<MeshSource> {
     let schema = source.schema();
-    // Records of a sort have a width that the compiler knows.
+    // NumberRecords of a sort have a width that the compiler knows.
     match (schema.record_bytes() - schema.position_bytes()).div_ceil(4) {
         0 => join_records::<OWN_WORDS>(source, found, borders, how, options),
         1 => join_records::<{ OWN_WORDS + 1 }>(source, found, borders, how, options),
@@ -54,24 +56,43 @@ pub(super) fn join(
 fn join_records<const N: usize>(
     source: MeshSource,
     found: &Found,
-    borders: Option<&Borders>,
+    borders: Option<&OpenBorders>,
     how: &WeldOptions,
     options: &StageOptions,
 ) -> Result<MeshSource> {
     let memory_bytes = (options.memory_bytes / 3) as usize;
-    let pairs = pairs(&source, found, borders, memory_bytes, options)?;
+    let (pairs, overlap) = match borders {
+        Some(borders) => overlaps::pairs(&source, borders, found, options)?,
+        None => (pairs(&source, found, memory_bytes, options)?, Overlap::None),
+    };
     let (by_first, all, joined) = by_first::<N>(&source, pairs, how, memory_bytes, options)?;
     if joined == 0 {
         return Ok(source);
     }
     let n_before = source.n_vertices();
-    let (vertices, numbers, n_vertices) =
+    let Made { vertices, numbers, n_vertices, shared } =
         vertices(&source, (by_first, all), how, memory_bytes, options)?;
     // Refuses numbers of more than 32 bits.
     OutputHeader::new(source.schema().clone(), n_vertices, 0).index_type()?;
     let mut numbers = Numbers::new(numbers);
+    let mut edits = Edits::new(&source, options);
+    match (borders, overlap) {
+        (Some(_), Overlap::Copies) => edits.drop_repeated(shared),
+        (Some(borders), _) => {
+            edits.split(splits::find(
+                &source,
+                borders,
+                &mut numbers,
+                found.split_distance,
+                options,
+            )?);
+        }
+        (None, _) => {}
+    }
     let number = |v: u64| numbers.get(v);
-    let Some(faces) = face_rows(&source, number, options)? else {
+    let put = |place, row: &mut Vec<u8>, out: &mut Spool| edits.put(place, row, out);
+    let rows = face_rows_with(&source, number, options, put)?;
+    let Some(faces) = rows.map(|rows| edits.finish(rows)).transpose()? else {
         return match how.how {
             Weld::Auto => Ok(source),
             _ => Err(Error::bad_input(
@@ -87,7 +108,10 @@ fn join_records<const N: usize>(
         distance: found.distance,
         notes: Vec::new(),
     };
-    report.notes.push(note(&report, &source));
+    match borders {
+        Some(_) => report.notes.extend(edits.notes(overlap)),
+        None => report.notes.push(note(&report, &source)),
+    }
     let schema = source.schema().clone();
     restage(source, schema, (n_vertices, vertices), faces, options, |staged| {
         staged.weld = Some(report);
@@ -98,15 +122,12 @@ fn join_records<const N: usize>(
 fn pairs(
     source: &MeshSource,
     found: &Found,
-    borders: Option<&Borders>,
     memory_bytes: usize,
     options: &StageOptions,
-) -> Result<ExternalSort<10>> {
+) -> Result<Pairs> {
     let sort = options.sort(memory_bytes);
     let mut neighbours = Neighbours::new(sort, &found.bounds, found.distance);
-    if let Some(borders) = borders {
-        borders.each_vertex(source, |v, position| neighbours.push(v, position))?;
-    } else if found.is_loose {
+    if found.is_loose {
         let mut done = Ok(());
         each_position(source, |v, position| {
             if done.is_ok() {
@@ -127,25 +148,13 @@ fn pairs(
             neighbours.push(v, source.schema().position(&block.records[at..at + record_bytes]))
         })?;
     }
-    let mut pairs = options.sort(memory_bytes);
-    neighbours.finish(|v, first, position| {
-        let ([v0, v1], [f0, f1]) = (halves(v), halves(first));
-        let [x, y, z] = position.map(|x| halves(x.to_bits()));
-        let place = [x[0], x[1], y[0], y[1], z[0], z[1]];
-        let row = |[a0, a1]: [u32; 2], [b0, b1]: [u32; 2]| {
-            let [x0, x1, y0, y1, z0, z1] = place;
-            [a0, a1, b0, b1, x0, x1, y0, y1, z0, z1]
-        };
-        pairs.push(row([v0, v1], [f0, f1]))?;
-        pairs.push(row([f0, f1], ITSELF_LAST))
-    })?;
-    Ok(pairs)
+    neighbours.pairs(options.sort(memory_bytes), |_| Ok(()))
 }
 
 /// Vertices that are joined by the one that they join, and how many join another; their numbers, ascending.
 fn by_first<const N: usize>(
     source: &MeshSource,
-    pairs: ExternalSort<10>,
+    pairs: Pairs,
     how: &WeldOptions,
     memory_bytes: usize,
     options: &StageOptions,
@@ -220,7 +229,17 @@ impl<const N: usize> Vertices<'_, N> {
     }
 }
 
-/// The new vertices, the new number of each old one (4 bytes each), and the number of new ones.
+/// New vertices.
+struct Made {
+    vertices: RawFile,
+    /// The new number of each old one, 4 bytes.
+    numbers: RawFile,
+    n_vertices: u64,
+    /// A bit for each that several became; empty where it would take more than a share of the memory.
+    shared: Vec<u64>,
+}
+
+/// Makes the new vertices.
 ///
 /// New vertices come in the order of the first of each; those that are not joined are copied as they are.
 fn vertices<const N: usize>(
@@ -229,15 +248,25 @@ fn vertices<const N: usize>(
     how: &WeldOptions,
     memory_bytes: usize,
     options: &StageOptions,
-) -> Result<(RawFile, RawFile, u64)> {
+) -> Result<Made> {
     let mut mixer = Mixer::new(source, how, options.spool());
     let mut rest = Rest::new(source, joined);
     let mut by_vertex = options.sort::<4>(memory_bytes);
     let (mut n_vertices, mut last) = (0u64, None);
+    let has_bits = source.n_vertices() / 8 <= memory_bytes as u64;
+    let mut shared = Vec::new();
+    let mut mark = |number: u64, n: u64| {
+        if has_bits && n > 1 {
+            let word = (number / 64) as usize;
+            shared.resize(shared.len().max(word + 1), 0u64);
+            shared[word] |= 1 << (number % 64);
+        }
+    };
     // Files of more vertices than 32 bits can count are refused when their header is written.
     by_first.drain(|row| {
         let own: [u32; 4] = std::array::from_fn(|i| row[i]);
         if last != Some(own) {
+            mark(n_vertices.saturating_sub(1), mixer.n);
             mixer.put()?;
             let first = whole(own[0], own[1]);
             if rest.next <= first {
@@ -253,6 +282,7 @@ fn vertices<const N: usize>(
         mixer.add(place, bytemuck::cast_slice(&row[OWN_WORDS..]));
         by_vertex.push([row[4], row[5], ITSELF, (n_vertices - 1) as u32])
     })?;
+    mark(n_vertices.saturating_sub(1), mixer.n);
     mixer.put()?;
     let [v0, v1] = halves(rest.next);
     by_vertex.push([v0, v1, COUNTED_FROM, n_vertices as u32])?;
@@ -280,108 +310,13 @@ fn vertices<const N: usize>(
     })?;
     count_up_to(source.n_vertices(), &mut number, &mut numbers)?;
     let path = source.path();
-    Ok((mixer.out.finish(path)?, numbers.finish(path)?, n_vertices))
+    let vertices = mixer.out.finish(path)?;
+    Ok(Made { vertices, numbers: numbers.finish(path)?, n_vertices, shared })
 }
 
 /// Kinds of numbers: that of the next vertex that is not joined, that of this vertex.
 const COUNTED_FROM: u32 = 0;
 const ITSELF: u32 = 1;
-
-/// Vertices that are not joined.
-struct Rest<'a> {
-    source: &'a MeshSource,
-    /// Numbers of those that are, and how many of them are passed.
-    joined: RawFile,
-    n_passed: u64,
-    window: Vec<u64>,
-    window_at: Option<u64>,
-    block: VertexBlock,
-    loaded: Option<u64>,
-    /// The first that is not copied yet.
-    next: u64,
-}
-
-impl<'a> Rest<'a> {
-    fn new(source: &'a MeshSource, joined: RawFile) -> Rest<'a> {
-        let (window, block) = (Vec::new(), VertexBlock::default());
-        Rest { source, joined, n_passed: 0, window, window_at: None, block, loaded: None, next: 0 }
-    }
-
-    /// The first joined vertex from `next` on.
-    fn next_joined(&mut self) -> Result<Option<u64>> {
-        const AT_ONCE: u64 = 1 << 14;
-        let n = self.joined.len() / 8;
-        while self.n_passed < n {
-            let start = self.n_passed / AT_ONCE * AT_ONCE;
-            if self.window_at.replace(start) != Some(start) {
-                self.window.resize((n - start).min(AT_ONCE) as usize, 0);
-                self.joined.read_exact_at(bytemuck::cast_slice_mut(&mut self.window), 8 * start)?;
-            }
-            let v = self.window[(self.n_passed - start) as usize];
-            if v >= self.next {
-                return Ok(Some(v));
-            }
-            self.n_passed += 1;
-        }
-        Ok(None)
-    }
-
-    /// Copies those up to a vertex; returns how many.
-    fn copy_up_to(&mut self, end: u64, out: &mut Spool) -> Result<u64> {
-        let n_bytes = self.source.schema().record_bytes();
-        let mut n = 0;
-        while self.next < end {
-            let joined = self.next_joined()?;
-            if joined == Some(self.next) {
-                self.next += 1;
-                continue;
-            }
-            let index = self.next / BLOCK_ROWS;
-            if self.loaded.replace(index) != Some(index) {
-                self.source.read_vertices(index, &mut self.block)?;
-            }
-            let stop = joined.unwrap_or(end).min(end).min((index + 1) * BLOCK_ROWS);
-            let from = (self.next - index * BLOCK_ROWS) as usize * n_bytes;
-            let to = (stop - index * BLOCK_ROWS) as usize * n_bytes;
-            out.write(&self.block.records[from..to])?;
-            n += stop - self.next;
-            self.next = stop;
-        }
-        Ok(n)
-    }
-}
-
-/// New numbers of vertices, some pages of which are in memory.
-struct Numbers {
-    file: RawFile,
-    pages: Vec<(u64, Vec<u32>)>,
-}
-
-impl Numbers {
-    /// Pages kept, and numbers of each: 4 MiB in all.
-    const PAGES: u64 = 1024;
-    const ROWS: u64 = 1024;
-
-    fn new(file: RawFile) -> Numbers {
-        Numbers { file, pages: vec![(u64::MAX, Vec::new()); Self::PAGES as usize] }
-    }
-
-    #[inline]
-    fn get(&mut self, v: u64) -> Result<u32> {
-        let page = v / Self::ROWS;
-        let (kept, rows) = &mut self.pages[(page % Self::PAGES) as usize];
-        if *kept != page {
-            // A page that failed to load must not be taken for a loaded one.
-            *kept = u64::MAX;
-            let at = 4 * page * Self::ROWS;
-            let n = (self.file.len() - at).min(4 * Self::ROWS) as usize;
-            rows.resize(n / 4, 0);
-            self.file.read_exact_at(bytemuck::cast_slice_mut(rows), at)?;
-            *kept = page;
-        }
-        Ok(rows[(v % Self::ROWS) as usize])
-    }
-}
 
 /// Makes one record of those that are joined: numbers are averaged, labels are the first's.
 struct Mixer<'a> {

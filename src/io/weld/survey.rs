@@ -4,7 +4,7 @@
 //! every scan. Otherwise one pass takes all vertices of some cells of a fine grid, chosen by hash, and looks for the
 //! nearest other vertex of each.
 
-use crate::borders::Borders;
+use crate::borders::OpenBorders;
 use crate::open_edges::open_among;
 use crate::open_options::Weld;
 use crate::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
@@ -17,7 +17,7 @@ use xxhash_rust::xxh3::xxh3_64;
 const LOOSE: f64 = 1.5;
 /// Vertices that open edges explain, as a share of all, below which copies are not looked for.
 const FEW_OPEN: f64 = 0.02;
-/// Most vertices of a mesh whose triangles are not loose: a sample needs a bit for each, 16 MiB.
+/// Most vertices of a mesh whose triangles are not loose.
 const MOST_VERTICES: u64 = 1 << 27;
 /// Copies lie within this share of the diagonal: six digits of text, or a float and some arithmetic.
 const ROUNDING: f64 = 1e-5;
@@ -52,6 +52,8 @@ const SPREAD: f64 = 10.0;
 pub(super) struct Found {
     /// Distance within which vertices are to be joined; 0 for none.
     pub distance: f64,
+    /// Distance from an edge of another part within which a vertex splits it.
+    pub split_distance: f64,
     /// True if triangles hardly have a vertex in common, so that all edges are open.
     pub is_loose: bool,
     /// True if all copies are exact.
@@ -143,7 +145,7 @@ pub(super) fn asked(source: &MeshSource, distance: f64) -> Result<Found> {
 
 /// Distance for the borders of parts: copies in different files are as far apart as their digits or quantisation make them,
 /// which a sample of the vertices at open edges shows.
-pub(super) fn of_parts(source: &MeshSource, borders: &Borders, how: Weld) -> Result<Found> {
+pub(super) fn of_parts(source: &MeshSource, borders: &OpenBorders, how: Weld) -> Result<Found> {
     let mut bounds = Bounds::EMPTY;
     borders.each_vertex(source, |_, position| {
         bounds.add(position);
@@ -151,11 +153,11 @@ pub(super) fn of_parts(source: &MeshSource, borders: &Borders, how: Weld) -> Res
     })?;
     let found = Found { bounds, ..Found::default() };
     let Some(edges) = edges(source)? else { return Ok(found) };
+    let limit = PARTS_SHARE_OF_EDGE * edges.short;
     let distance = match how {
         Weld::Off => 0.0,
         Weld::Distance(distance) => distance.min(ASKED_SHARE_OF_EDGE * edges.middle),
         Weld::Auto => {
-            let limit = PARTS_SHARE_OF_EDGE * edges.short;
             let sample = Sample::take(borders.n_vertices(), edges.middle, |each| {
                 borders.each_vertex(source, |v, position| {
                     each(v, position);
@@ -170,7 +172,10 @@ pub(super) fn of_parts(source: &MeshSource, borders: &Borders, how: Weld) -> Res
             (PARTS_SPREAD * far).max(of_type).min(limit)
         }
     };
-    Ok(Found { distance, ..found })
+    // A vertex on an edge has been computed, most often as a float.
+    let floats = (4.0 * f64::from(f32::EPSILON) * largest(&bounds)).min(limit);
+    let split_distance = if how == Weld::Auto { distance.max(floats) } else { distance };
+    Ok(Found { distance, split_distance, ..found })
 }
 
 /// Calls `each` with every vertex and its position.

@@ -1,0 +1,240 @@
+//! Changes to faces while their corners get new numbers: those with vertices of other parts on their edges are split, those
+//! that several parts hold stay once.
+
+use super::overlaps::Overlap;
+use super::splits::{Hit, Hits};
+use crate::duplicates::DuplicateFinder;
+use crate::open_options::StageOptions;
+use crate::ply::raw::Spool;
+use crate::ply::{FaceSchema, MeshSource};
+use crate::restaged::{FaceRows, RowLayout, corner, each_row};
+use stonecut_system::error::Result;
+use stonecut_system::units::show_count;
+
+/// Changes to faces.
+pub(super) struct Edits<'a> {
+    options: &'a StageOptions,
+    layout: RowLayout,
+    splits: Option<Hits>,
+    repeated: Option<Repeated>,
+    n_split: u64,
+    n_repeated: u64,
+}
+
+/// Triangles that may be there more than once: those all of whose vertices several became.
+struct Repeated {
+    finder: DuplicateFinder,
+    shared: Vec<u64>,
+}
+
+impl Repeated {
+    fn may_be(&self, row: &[u8]) -> bool {
+        let is_shared = |v: u32| {
+            let word = self.shared.get((v / 64) as usize).copied().unwrap_or(0);
+            word >> (v % 64) & 1 == 1
+        };
+        row[0] == 3 && (self.shared.is_empty() || (0..3).all(|i| is_shared(corner(row, i))))
+    }
+}
+
+/// A corner of a face that is split.
+#[derive(Clone, Copy)]
+struct Corner {
+    vertex: u32,
+    texture: [f32; 2],
+}
+
+impl<'a> Edits<'a> {
+    pub fn new(source: &MeshSource, options: &'a StageOptions) -> Edits<'a> {
+        let faces = FaceSchema {
+            texture: source.has_corner_texture(),
+            properties: source.face_properties(),
+        };
+        let layout = RowLayout::of(&faces);
+        Edits { options, layout, splits: None, repeated: None, n_split: 0, n_repeated: 0 }
+    }
+
+    pub fn split(&mut self, hits: Hits) {
+        self.splits = Some(hits).filter(|hits| hits.len() > 0);
+    }
+
+    pub fn drop_repeated(&mut self, shared: Vec<u64>) {
+        let memory_bytes = (self.options.memory_bytes / 3) as usize;
+        let finder = DuplicateFinder::new(&self.options.temp_dir, memory_bytes);
+        self.repeated = Some(Repeated { finder, shared });
+    }
+
+    /// Writes what becomes of a row; rows come in order, the first one perhaps a second time.
+    pub fn put(&mut self, place: u64, row: &mut [u8], out: &mut Spool) -> Result<u64> {
+        if place == 0 {
+            self.begin()?;
+        }
+        if let Some(repeated) = &mut self.repeated
+            && repeated.may_be(row)
+        {
+            repeated.finder.push([0, 1, 2].map(|i| u64::from(corner(row, i))))?;
+        }
+        let Some(hits) = &mut self.splits else {
+            out.write(row)?;
+            return Ok(1);
+        };
+        let mut own = Vec::new();
+        while let Some(record) = hits.next().filter(|record| record[0] <= place) {
+            if record[0] == place {
+                own.push(Hit::of(record));
+            }
+            hits.pass()?;
+        }
+        if own.is_empty() {
+            out.write(row)?;
+            return Ok(1);
+        }
+        self.n_split += 1;
+        self.put_split(row, &own, out)
+    }
+
+    fn begin(&mut self) -> Result<()> {
+        self.n_split = 0;
+        if let Some(hits) = &mut self.splits {
+            hits.restart()?;
+        }
+        if let Some(Repeated { shared, .. }) = self.repeated.take() {
+            self.drop_repeated(shared);
+        }
+        Ok(())
+    }
+
+    fn put_split(&self, row: &[u8], hits: &[Hit], out: &mut Spool) -> Result<u64> {
+        let n = usize::from(row[0]);
+        let [corners_end, texture_end, _] = self.layout.ends(row[0]);
+        let corners: Vec<Corner> = (0..n)
+            .map(|i| {
+                let at = corners_end + 1 + 8 * i;
+                let float = |at: usize| {
+                    let bytes = row.get(at..at + 4).and_then(|bytes| bytes.try_into().ok());
+                    f32::from_le_bytes(bytes.unwrap_or_default())
+                };
+                let has_texture = self.layout.has_texture;
+                let texture = if has_texture { [float(at), float(at + 4)] } else { [0.0; 2] };
+                Corner { vertex: corner(row, i), texture }
+            })
+            .collect();
+        // Behind each corner those that lie on the way to the next.
+        let mut between = vec![Vec::new(); n];
+        for (i, list) in between.iter_mut().enumerate() {
+            let (a, b) = (corners[i], corners[(i + 1) % n]);
+            let mut own: Vec<(f64, u32)> = hits
+                .iter()
+                .filter(|hit| corners.iter().all(|corner| corner.vertex != hit.vertex))
+                .filter_map(|hit| match hit.ends {
+                    [p, q] if (p, q) == (a.vertex, b.vertex) => Some((hit.share, hit.vertex)),
+                    [p, q] if (q, p) == (a.vertex, b.vertex) => Some((1.0 - hit.share, hit.vertex)),
+                    _ => None,
+                })
+                .collect();
+            own.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
+            for (share, vertex) in own {
+                let mix = |k: usize| {
+                    let (from, to) = (f64::from(a.texture[k]), f64::from(b.texture[k]));
+                    (from + share * (to - from)) as f32
+                };
+                if list.iter().all(|known: &Corner| known.vertex != vertex) {
+                    list.push(Corner { vertex, texture: [mix(0), mix(1)] });
+                }
+            }
+        }
+        let mut faces = Vec::new();
+        match (corners.as_slice(), between.as_slice()) {
+            (&[a, b, c], [ab, bc, ca]) => cut([a, b, c], [ab, bc, ca], &mut faces),
+            _ => {
+                let all = corners.iter().zip(&between);
+                let face: Vec<Corner> = all
+                    .flat_map(|(a, list)| [*a].into_iter().chain(list.iter().copied()))
+                    .collect();
+                faces.push(if face.len() > 127 { corners } else { face });
+            }
+        }
+        let mut bytes = Vec::new();
+        for face in &faces {
+            bytes.push(face.len() as u8);
+            face.iter().for_each(|corner| bytes.extend_from_slice(&corner.vertex.to_le_bytes()));
+            if self.layout.has_texture {
+                bytes.push(2 * face.len() as u8);
+                let values = face.iter().flat_map(|corner| corner.texture);
+                values.for_each(|x| bytes.extend_from_slice(&x.to_le_bytes()));
+            }
+            bytes.extend_from_slice(&row[texture_end..]);
+        }
+        out.write(&bytes)?;
+        Ok(faces.len() as u64)
+    }
+
+    /// All faces, without those that repeat others.
+    pub fn finish(&mut self, faces: FaceRows) -> Result<FaceRows> {
+        let Some(Repeated { finder, shared }) = self.repeated.take() else { return Ok(faces) };
+        let found = finder.finish()?;
+        self.n_repeated = found.count();
+        if self.n_repeated == 0 {
+            return Ok(faces);
+        }
+        let empty = DuplicateFinder::new(&self.options.temp_dir, 0);
+        let repeated = Repeated { finder: empty, shared };
+        let (mut out, mut place) = (self.options.spool(), 0);
+        each_row(&faces.rows, 0..faces.rows.len(), self.layout, |row| {
+            if repeated.may_be(row) {
+                place += 1;
+                if found.contains(place - 1) {
+                    return Ok(());
+                }
+            }
+            out.write(row)
+        })?;
+        let rows = out.finish(faces.rows.path())?;
+        Ok(FaceRows { rows, n_faces: faces.n_faces - self.n_repeated, ..faces })
+    }
+
+    /// Lines on what was done, and on what was left.
+    pub fn notes(&self, overlap: Overlap) -> Vec<String> {
+        let mut lines = Vec::new();
+        if self.n_split > 0 {
+            let n = show_count(self.n_split);
+            lines.push(format!(
+                "{n} triangles were split where vertices of another file lie on their edges"
+            ));
+        }
+        if self.n_repeated > 0 {
+            let n = show_count(self.n_repeated);
+            lines.push(format!("files overlap: {n} triangles that several hold were taken once"));
+        }
+        if let Overlap::Other { n_inside, n_border } = overlap {
+            let left = n_inside.saturating_sub(self.n_split);
+            if left as f64 >= Overlap::WORTH_A_LINE * n_border as f64 {
+                let share = 100.0 * left as f64 / n_border as f64;
+                lines.push(format!(
+                    "files may overlap with different triangles: {share:.0} % of the vertices on their borders lie in the \
+                     boxes of others and on none of their edges; such surfaces stay double, so cut the files at a common border"
+                ));
+            }
+        }
+        lines
+    }
+}
+
+/// Cuts a triangle at the corners that lie between its corners.
+fn cut([a, b, c]: [Corner; 3], [ab, bc, ca]: [&Vec<Corner>; 3], out: &mut Vec<Vec<Corner>>) {
+    let none = Vec::new();
+    if ab.is_empty() {
+        if bc.is_empty() && ca.is_empty() {
+            out.push(vec![a, b, c]);
+        } else {
+            cut([b, c, a], [bc, ca, ab], out);
+        }
+        return;
+    }
+    let chain: Vec<Corner> = [a].into_iter().chain(ab.iter().copied()).chain([b]).collect();
+    for (i, pair) in chain.windows(2).enumerate() {
+        let bc = if i + 2 == chain.len() { bc } else { &none };
+        let ca = if i == 0 { ca } else { &none };
+        cut([pair[0], pair[1], c], [&none, bc, ca], out);
+    }
+}

@@ -1,0 +1,216 @@
+//! Parts that lie on each other: vertices inside of them are joined as those at borders are.
+//!
+//! Where borders fit together there is nothing to look for. Otherwise vertices at borders lie inside of other parts: if most of
+//! them have a copy there, the parts hold the same triangles, and all vertices in common boxes are joined.
+
+use super::neighbours::{INSIDE, Neighbours, Pairs};
+use super::splits::ends_of_parts;
+use super::survey::Found;
+use crate::borders::OpenBorders;
+use crate::external_sort::{halves, whole};
+use crate::open_options::StageOptions;
+use crate::ply::raw::RawFile;
+use crate::ply::{BLOCK_ROWS, MeshSource, VertexBlock};
+use crate::records::NumberRecords;
+use std::collections::BTreeSet;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::Vec3;
+use stonecut_system::error::Result;
+
+/// Vertices at borders without a copy, as a share of all, up to which nothing is looked for, and their number.
+const FEW: f64 = 0.01;
+const FEWEST: u64 = 8;
+
+/// Relation of the parts of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Overlap {
+    None,
+    /// They hold the same triangles where they lie on each other.
+    Copies,
+    /// Vertices at borders lie in other parts' boxes without a copy there.
+    Other {
+        n_inside: u64,
+        n_border: u64,
+    },
+}
+
+impl Overlap {
+    /// Share of the vertices at borders from which on it is worth a line.
+    pub const WORTH_A_LINE: f64 = 0.1;
+}
+
+/// Finds vertices to be joined, within parts that overlap too.
+pub(super) fn pairs(
+    source: &MeshSource,
+    borders: &OpenBorders,
+    found: &Found,
+    options: &StageOptions,
+) -> Result<(Pairs, Overlap)> {
+    let boxes = boxes(source, borders, found.distance);
+    let (pairs, joined) = joined(source, borders, found, &[], options)?;
+    let Lonely { ids, partners } = lonely(source, borders, (&boxes, joined), options)?;
+    let (n_inside, n_border) = (ids.len() / 8, borders.n_vertices());
+    if n_inside < FEWEST.max((FEW * n_border as f64) as u64) || found.distance <= 0.0 {
+        return Ok((pairs, Overlap::None));
+    }
+    let mut regions = vec![Vec::new(); boxes.len()];
+    for (p, q) in partners {
+        regions[p].push(boxes[q]);
+        regions[q].push(boxes[p]);
+    }
+    let (wider, joined) = self::joined(source, borders, found, &regions, options)?;
+    let (mut ids, mut joined) = (NumberRecords::<1>::new(ids)?, NumberRecords::<1>::new(joined)?);
+    let mut n_found = 0;
+    while let (Some([v]), Some([other])) = (ids.next(), joined.next()) {
+        n_found += u64::from(v == other);
+        if v <= other { ids.pass()? } else { joined.pass()? }
+    }
+    match 2 * n_found >= n_inside {
+        true => Ok((wider, Overlap::Copies)),
+        false => Ok((pairs, Overlap::Other { n_inside, n_border })),
+    }
+}
+
+/// Boxes of the parts where they lie now, wider by the distance.
+fn boxes(source: &MeshSource, borders: &OpenBorders, distance: f64) -> Vec<Bounds> {
+    let place = |own: &Bounds| {
+        let corner = |i: usize| -> Vec3 {
+            std::array::from_fn(|axis| [own.low, own.high][i >> axis & 1][axis])
+        };
+        let corners: Vec<Vec3> = (0..8).map(|i| source.placed_point(corner(i))).collect();
+        let mut placed = Bounds::around(&corners);
+        placed.low = placed.low.map(|x| x - distance);
+        placed.high = placed.high.map(|x| x + distance);
+        placed
+    };
+    borders.boxes.iter().map(place).collect()
+}
+
+fn holds(bounds: &Bounds, place: Vec3) -> bool {
+    (0..3).all(|axis| (bounds.low[axis]..=bounds.high[axis]).contains(&place[axis]))
+}
+
+/// Pairs among vertices at borders and, of each part, those in some regions; and the sorted numbers of all in them.
+fn joined(
+    source: &MeshSource,
+    borders: &OpenBorders,
+    found: &Found,
+    regions: &[Vec<Bounds>],
+    options: &StageOptions,
+) -> Result<(Pairs, RawFile)> {
+    let memory_bytes = (options.memory_bytes / 3) as usize;
+    let ends = ends_of_parts(source);
+    let sort = options.sort(memory_bytes);
+    let mut neighbours =
+        Neighbours::new(sort, &found.bounds, found.distance).of_parts(ends.clone());
+    let mut next = 0;
+    let mut inside = InsideOthers { source, regions, ends, part: 0, block: VertexBlock::default() };
+    borders.each_vertex(source, |v, place| {
+        inside.push(next..v, &mut neighbours)?;
+        next = v + 1;
+        neighbours.push(v, place)
+    })?;
+    inside.push(next..source.n_vertices(), &mut neighbours)?;
+    let mut seen = options.sort::<2>(memory_bytes);
+    let pairs = neighbours.pairs(options.sort(memory_bytes), |v| seen.push(halves(v)))?;
+    let (mut out, mut last) = (options.spool(), None);
+    seen.drain(|[v0, v1]| {
+        let v = whole(v0, v1);
+        if last.replace(v) == Some(v) { Ok(()) } else { out.write(&v.to_le_bytes()) }
+    })?;
+    Ok((pairs, out.finish(source.path())?))
+}
+
+/// Vertices of parts that lie in some regions.
+struct InsideOthers<'a> {
+    source: &'a MeshSource,
+    /// Of each part; empty if there are none at all.
+    regions: &'a [Vec<Bounds>],
+    ends: Vec<u64>,
+    part: usize,
+    block: VertexBlock,
+}
+
+impl InsideOthers<'_> {
+    /// Pushes those of a range; ranges ascend.
+    fn push(&mut self, range: std::ops::Range<u64>, neighbours: &mut Neighbours) -> Result<()> {
+        let mut v = range.start;
+        while v < range.end && !self.regions.is_empty() {
+            while self.ends[self.part] <= v {
+                self.part += 1;
+            }
+            if self.regions[self.part].is_empty() {
+                v = self.ends[self.part];
+                continue;
+            }
+            if self.block.records.is_empty() || self.block.first != v / BLOCK_ROWS * BLOCK_ROWS {
+                self.source.read_vertices(v / BLOCK_ROWS, &mut self.block)?;
+            }
+            let schema = self.source.schema();
+            let bytes = schema.record_bytes();
+            let at = (v - self.block.first) as usize * bytes;
+            let place = schema.position(&self.block.records[at..at + bytes]);
+            if self.regions[self.part].iter().any(|region| holds(region, place)) {
+                neighbours.push(v | INSIDE, place)?;
+            }
+            v += 1;
+        }
+        Ok(())
+    }
+}
+
+/// Vertices at borders without a copy that lie in other parts' boxes: their numbers, and pairs of parts.
+struct Lonely {
+    ids: RawFile,
+    partners: BTreeSet<(usize, usize)>,
+}
+
+fn lonely(
+    source: &MeshSource,
+    borders: &OpenBorders,
+    (boxes, joined): (&[Bounds], RawFile),
+    options: &StageOptions,
+) -> Result<Lonely> {
+    let near = neighbours_of(boxes);
+    let ends = ends_of_parts(source);
+    let mut joined = NumberRecords::<1>::new(joined)?;
+    let (mut ids, mut partners, mut part) = (options.spool(), BTreeSet::new(), 0);
+    borders.each_vertex(source, |v, place| {
+        while joined.next().is_some_and(|[other]| other < v) {
+            joined.pass()?;
+        }
+        if joined.next() == Some([v]) {
+            return Ok(());
+        }
+        while ends[part] <= v {
+            part += 1;
+        }
+        let mut is_inside = false;
+        for &other in near[part].iter().filter(|&&other| holds(&boxes[other], place)) {
+            is_inside = true;
+            partners.insert((part.min(other), part.max(other)));
+        }
+        if is_inside { ids.write(&v.to_le_bytes()) } else { Ok(()) }
+    })?;
+    Ok(Lonely { ids: ids.finish(source.path())?, partners })
+}
+
+/// Of each box those that it meets.
+fn neighbours_of(boxes: &[Bounds]) -> Vec<Vec<usize>> {
+    let mut order: Vec<usize> = (0..boxes.len()).collect();
+    order.sort_by(|&a, &b| boxes[a].low[0].total_cmp(&boxes[b].low[0]));
+    let mut out = vec![Vec::new(); boxes.len()];
+    for (i, &a) in order.iter().enumerate() {
+        for &b in order[i + 1..].iter().take_while(|&&b| boxes[b].low[0] <= boxes[a].high[0]) {
+            let meets = |axis: usize| {
+                boxes[a].low[axis] <= boxes[b].high[axis]
+                    && boxes[b].low[axis] <= boxes[a].high[axis]
+            };
+            if meets(1) && meets(2) {
+                out[a].push(b);
+                out[b].push(a);
+            }
+        }
+    }
+    out
+}
