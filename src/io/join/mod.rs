@@ -8,6 +8,7 @@ mod implicit;
 mod inputs;
 mod looks;
 mod schemas;
+mod sizes;
 mod stage;
 mod tree_folder;
 mod trees;

@@ -6,6 +6,7 @@
 
 use super::looks::{Looks, content};
 use super::schemas::{Union, widest};
+use super::sizes::odd_sizes;
 use super::{InputPaths, InputSet, MeshPart};
 use crate::borders::{BorderSpools, OpenBorders};
 use crate::materials::NUMBER;
@@ -22,14 +23,11 @@ use std::sync::Arc;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::property::{Scalar, read_scalar, write_scalar};
 use stonecut_mesh::record::VertexSchema;
-use stonecut_mesh::vec3::{length_sq, sub};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Ledger, Loss, LossKind};
 use stonecut_system::parallel;
 use stonecut_system::progress::Progress;
 
-/// A part this many times larger or smaller than most has other units.
-const OTHER_UNITS: f64 = 300.0;
 /// Bytes that are read at once.
 const WINDOW: usize = 1 << 20;
 
@@ -200,12 +198,6 @@ impl Gathered {
     /// Appends a part.
     fn add(&mut self, part: &MeshPart, read: ReadPart) -> Result<()> {
         let ReadPart { source, vertices, faces, layout, borders, bounds, content } = read;
-        if let Some(known) = self.known.get(&content) {
-            let (path, known) = (part.path.display(), self.reports[*known].path.as_str());
-            let remark = format!("{path}: is the same mesh as {known}, and left out");
-            self.notes.lose(Loss::remark(remark));
-            return Ok(());
-        }
         let offset = source.offset();
         if *self.offset.get_or_insert(offset) != offset {
             let words =
@@ -217,6 +209,12 @@ impl Gathered {
                 words(self.offset.flatten())
             );
             return Err(Error::bad_input(source.path(), what));
+        }
+        if let Some(known) = self.known.get(&content) {
+            let (path, known) = (part.path.display(), self.reports[*known].path.as_str());
+            let remark = format!("{path}: is the same mesh as {known}, and left out");
+            self.notes.lose(Loss::remark(remark));
+            return Ok(());
         }
         let base = self.n_vertices;
         // Refuses numbers of more than 32 bits.
@@ -479,27 +477,4 @@ fn vertices_of(source: &MeshSource, options: &StageOptions) -> Result<(RawFile, 
         out.write(&block.records)?;
     }
     Ok((out.finish(source.path())?, bounds))
-}
-
-/// Lines on parts whose size is not that of the others.
-fn odd_sizes(boxes: &[Bounds], reports: &[PartReport]) -> Vec<String> {
-    let sizes: Vec<f64> = boxes.iter().map(|b| length_sq(sub(b.high, b.low)).sqrt()).collect();
-    let mut sorted = sizes.clone();
-    sorted.sort_by(f64::total_cmp);
-    let middle = sorted[sorted.len() / 2];
-    let is_odd = |size: f64| size > OTHER_UNITS * middle || size * OTHER_UNITS < middle;
-    let odd: Vec<usize> = (0..sizes.len()).filter(|&i| is_odd(sizes[i])).collect();
-    let Some(&first) =
-        odd.first().filter(|_| sizes.len() > 2 && odd.len() * 4 <= sizes.len().max(4))
-    else {
-        return Vec::new();
-    };
-    let more = match odd.len() {
-        1 => String::new(),
-        n => format!(" ({n} such in all)"),
-    };
-    vec![format!(
-        "{}: is {:.3e} across, most files are {middle:.3e}: if its units are others, convert it with --scale first{more}",
-        reports[first].path, sizes[first]
-    )]
 }
