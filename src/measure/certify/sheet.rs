@@ -170,14 +170,14 @@ pub(super) struct Sheets<'a> {
     neighbours: &'a Neighbours,
     /// A bit for each triangle of the tree that the present sheet has.
     has: Vec<u64>,
-    sheet: Vec<Taken>,
+    sheet: Vec<SheetTriangle>,
     /// The corners of those that were looked at, in the order of `sheet`.
     shown: Vec<[Shown; 3]>,
 }
 
 /// A triangle of a sheet: its place in the tree, and the edge over which it was taken, as a place in `sheet` and a side there.
 #[derive(Clone, Copy)]
-struct Taken {
+struct SheetTriangle {
     slot: u32,
     from: u32,
     side: u8,
@@ -204,7 +204,7 @@ impl<'a> Sheets<'a> {
 
     /// Gathers the sheet from its seed.
     fn spread(&mut self, frame: &Frame, seed: u32, limit: f64) -> Option<u32> {
-        self.take(Taken { slot: seed, from: NONE, side: 0 });
+        self.take(SheetTriangle { slot: seed, from: NONE, side: 0 });
         let (mut is_counted, mut over) = (false, seed);
         let mut next = 0;
         while let Some(&taken) = self.sheet.get(next) {
@@ -232,7 +232,7 @@ impl<'a> Sheets<'a> {
                 if other == NONE {
                     return None;
                 }
-                self.take(Taken { slot: other, from: next as u32, side: k as u8 });
+                self.take(SheetTriangle { slot: other, from: next as u32, side: k as u8 });
             }
             if self.sheet.len() > MOST {
                 return None;
@@ -245,7 +245,7 @@ impl<'a> Sheets<'a> {
     /// Shows the corners of a triangle; those that it has in common with the one it was taken from are known. Also gives back
     /// the side between these, 3 if there is none.
     #[inline]
-    fn show(&self, frame: &Frame, taken: Taken) -> ([Shown; 3], usize) {
+    fn show(&self, frame: &Frame, taken: SheetTriangle) -> ([Shown; 3], usize) {
         let corners = self.tree.corners(taken.slot);
         let Some(known) = self.shown.get(taken.from as usize) else {
             return (corners.map(|corner| frame.show(corner)), 3);
@@ -269,7 +269,7 @@ impl<'a> Sheets<'a> {
         (shown, if n_known == 2 { (new + 1) % 3 } else { 3 })
     }
 
-    fn take(&mut self, taken: Taken) {
+    fn take(&mut self, taken: SheetTriangle) {
         let slot = taken.slot;
         let (word, bit) = (&mut self.has[slot as usize / 64], 1 << (slot % 64));
         if *word & bit == 0 {
