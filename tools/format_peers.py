@@ -139,7 +139,8 @@ def main():
                 continue
             for kind, format in FORMATS:
                 out = os.path.join(folder, "out." + kind)
-                subprocess.run([stonecut, "convert", path, out, "--format", format, "--force", "-q"], check=True)
+                run = subprocess.run([stonecut, "convert", path, out, "--format", format, "--force", "-q"], stderr=subprocess.DEVNULL)
+                assert run.returncode in (0, 3), out  # 3: the format has no place for colours
                 row = [verdict(reader, out, wanted) for reader in READERS]
                 print(f"| {os.path.basename(path)}: {kind} {format} | {size} | " + " | ".join(row) + " |", flush=True)
 
