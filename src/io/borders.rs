@@ -186,7 +186,7 @@ fn each_record<const N: usize>(
     file: &RawFile,
     mut each: impl FnMut([u64; N]) -> Result<()>,
 ) -> Result<()> {
-    let mut buffer = vec![[0u64; N]; 1 << 12];
+    let mut buffer = [[0u64; N]; 1 << 10];
     let n_bytes = 8 * N as u64;
     let (mut at, n) = (0, file.len() / n_bytes);
     while at < n {

@@ -58,7 +58,7 @@ pub(super) struct Elements {
 
 impl Elements {
     /// The same as colours: integers are shares of what their type holds, as glTF demands, though the file may not say so.
-    pub(super) fn as_colours(self) -> Self {
+    pub(super) fn into_colours(self) -> Self {
         let number = Number { normalized: true, ..self.number };
         Elements { number, ..self }
     }

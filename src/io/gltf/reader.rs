@@ -330,7 +330,7 @@ fn pieces<'a>(
             let place = primitive.material.and_then(|material| coordinates.get(material).cloned());
             let place = place.unwrap_or_else(Coordinates::plain);
             let normals = attribute("NORMAL", &[3])?;
-            let colours = attribute("COLOR_0", &[3, 4])?.map(Elements::as_colours);
+            let colours = attribute("COLOR_0", &[3, 4])?.map(Elements::into_colours);
             let texture = attribute(&format!("TEXCOORD_{}", place.set), &[2])?;
             for name in primitive.attributes.keys() {
                 let used = format!("TEXCOORD_{}", place.set);
