@@ -10,6 +10,7 @@ use crate::history::History;
 use crate::options::{FitGoal, MAX_TRIANGLES, MAX_VERTICES, Options, Placement, Stop, Topology};
 use crate::quality::Probes;
 use crate::repair;
+use crate::repair::clean::Flat;
 use crate::schedule::driver::Driver;
 use crate::simd::Simd;
 use crate::state::MeshState;
@@ -56,6 +57,7 @@ pub(crate) fn start(
     state.surface.placement = options.placement;
     // Under a bound a triangle without area counts as the line that it is, and only a collapse may remove it.
     let flat = if options.bound.is_some() { &[][..] } else { &may_be_flat[..] };
+    let flat = Flat { triangles: flat, may_touch: options.confined.contains(&true) };
     let cleaned = repair::clean::clean(&mut state, flat, simd);
     drop(may_be_flat);
     validate(&state);
@@ -64,11 +66,7 @@ pub(crate) fn start(
         approached =
             repair::pair_boundaries::pair_boundaries(&mut state, options.merge_distance, simd);
     }
-    if options.topology == Topology::Error && !options.confined.contains(&true) {
-        repair::weld::lock_coincident(&mut state.surface);
-    } else {
-        repair::weld::coincident(&mut state, options.topology, &options.confined, simd);
-    }
+    repair::weld::coincident(&mut state, options.topology, &options.confined, simd);
     if let Some(wedges) = &mut state.wedges {
         wedges.region = options.region.filter(|&channel| channel < state.surface.n_channels);
         wedges.seam_share = f64::from(options.seam_share);
@@ -84,6 +82,8 @@ pub(crate) fn start(
     if options.record && driver.state.wedges.is_none() && options.bound.is_none() {
         driver.history = Some(Box::new(History::new(driver.state.surface.n_channels)));
     }
+    // Steps that are recorded free one triangle or two, and the bound follows no curves.
+    driver.collapser.may_go_along = driver.history.is_none() && options.bound.is_none();
     if options.estimate {
         driver.probes = Some(Probes::take(&driver.state.surface));
     }

@@ -9,6 +9,7 @@ use crate::options::Placement;
 use crate::simd::Lanes;
 use crate::simd::unchecked::KnownIds;
 use crate::surface::class::Class;
+use crate::surface::junction::stays_at_v1;
 use crate::surface::{HUB, Ring, Surface, boundary_quadric};
 use crate::vertex::GONE;
 use stonecut_mesh::blend::between;
@@ -27,7 +28,9 @@ impl Collapser {
     ) {
         let (v0, v1) = (plan.v0, plan.v1);
         let folds = self.n_kept <= fold_quadric::MOST_OF_STRIP || fold_quadric::may_fold(&quadric);
-        let fixed = known.at(&surface.rings, v1).class.is_some_and(Class::is_fixed);
+        let (class0, class1) =
+            (known.at(&surface.rings, v0).class, known.at(&surface.rings, v1).class);
+        let fixed = stays_at_v1(class0, class1);
         // The open edges change before the corner moves: their old lengths are still known.
         for &(w, from) in &self.open {
             let old = boundary_quadric(surface.edge(w, from));
@@ -63,7 +66,6 @@ impl Collapser {
             }
             left = left.saturating_sub(8);
         }
-        let class0 = known.at(&surface.rings, v0).class;
         for &(w, _) in &self.open {
             if self.closes == Some(w) {
                 continue;
@@ -101,7 +103,7 @@ impl Collapser {
     pub(super) fn place_of_survivor(surface: &Surface, plan: Plan, around: &Around) -> Vec3 {
         let (v0, v1) = (plan.v0, plan.v1);
         let own = surface.vertices[v1 as usize].position;
-        if surface.rings[v1 as usize].class.is_some_and(Class::is_fixed) {
+        if surface.stays_at_v1(v0, v1) {
             return own;
         }
         if surface.placement == Placement::Subset {

@@ -5,6 +5,7 @@ use crate::cost::quadric::Rows;
 use crate::simd::unchecked::KnownIds;
 use crate::surface::MAX_VALENCE;
 use crate::surface::fan::Fan;
+use crate::surface::junction::MOST_SHEETS;
 use crate::vertex::Vertex;
 
 /// A collapse as planned by the evaluation of its edge.
@@ -37,12 +38,14 @@ pub(crate) struct Collapser {
     pub(super) n_kept: usize,
     pub(super) n: usize,
     /// Third corners of the vanishing triangles; the first twice if there is only one.
-    pub(super) opposite: [u32; 2],
-    /// Neighbours over open edges of either end, and from which end.
+    pub(super) opposite: [u32; MOST_SHEETS],
+    /// Neighbours over open edges and edges of junction curves of either end, and from which end.
     pub(super) open: Vec<(u32, u32)>,
     /// Third vertex of a hole of three edges that the collapse closes.
     pub(super) closes: Option<u32>,
     pub(crate) may_close: bool,
+    /// Whether vertices on junction curves may go along them.
+    pub(crate) may_go_along: bool,
     pub(super) fan: Fan,
     /// Quadrics of the triangles after minus before.
     pub(super) changes: Vec<Rows>,
@@ -69,10 +72,11 @@ impl Collapser {
             n0: 0,
             n_kept: 0,
             n: 0,
-            opposite: [0; 2],
+            opposite: [0; MOST_SHEETS],
             open: Vec::new(),
             closes: None,
             may_close,
+            may_go_along: true,
             fan: Fan::new(),
             changes: vec![Rows::ZERO; ROOM / 8],
         }

@@ -6,6 +6,8 @@ use crate::collapse::collapser::{Collapser, GONE_AT, ROOM};
 use crate::collapse::legality::Reject;
 use crate::simd::Lanes;
 use crate::simd::unchecked::KnownIds;
+use crate::surface::class::Class;
+use crate::surface::junction::MOST_SHEETS;
 use crate::surface::{MAX_VALENCE, Ring, Surface};
 
 impl Collapser {
@@ -55,7 +57,7 @@ impl Collapser {
             return Err(Reject::LinkCondition);
         }
         if n_gone > 2 {
-            return Err(Reject::NonManifold);
+            return self.gather_sheets((v0, v1), ring0.class, n_gone);
         }
         for from in [GONE_AT, GONE_AT + n_gone - 1] {
             (self.ids[n], self.b[n], self.c[n]) = (self.ids[from], self.b[from], self.c[from]);
@@ -64,10 +66,33 @@ impl Collapser {
         n = self.n_kept + n_gone;
         self.n = n;
         let opposite = |i: usize| select_unpredictable(self.b[i] == v0, self.c[i], self.b[i]);
-        self.opposite = [opposite(self.n_kept), opposite(n - 1)];
+        (self.opposite[0], self.opposite[1]) = (opposite(self.n_kept), opposite(n - 1));
         // An empty lane has both corners in one place.
         self.b[n..][..8].fill(v1);
         self.c[n..][..8].fill(v1);
+        Ok(())
+    }
+
+    /// Takes up the vanishing triangles of an edge of more than two, which only a vertex on a junction curve may leave by.
+    #[inline(never)]
+    fn gather_sheets(
+        &mut self,
+        (v0, v1): (u32, u32),
+        class0: Option<Class>,
+        n_gone: usize,
+    ) -> Result<(), Reject> {
+        if class0 != Some(Class::Junction) || n_gone > MOST_SHEETS {
+            return Err(Reject::NonManifold);
+        }
+        let n_kept = self.n_kept;
+        for i in 0..n_gone {
+            let (from, to) = (GONE_AT + i, n_kept + i);
+            (self.ids[to], self.b[to], self.c[to]) = (self.ids[from], self.b[from], self.c[from]);
+            self.opposite[i] = if self.b[to] == v0 { self.c[to] } else { self.b[to] };
+        }
+        self.n = n_kept + n_gone;
+        self.b[self.n..][..8].fill(v1);
+        self.c[self.n..][..8].fill(v1);
         Ok(())
     }
 

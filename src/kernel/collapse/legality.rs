@@ -70,16 +70,17 @@ impl RejectCounts {
 
 /// Rows: class of the removed vertex. Columns: class of the kept vertex.
 /// A kept vertex that could not itself be removed stays exactly where it is.
-pub(crate) const MAY_COLLAPSE: [[Result<(), Reject>; 4]; 4] = {
+pub(crate) const MAY_COLLAPSE: [[Result<(), Reject>; 5]; 5] = {
     const OK: Result<(), Reject> = Ok(());
     const BOUNDARY: Result<(), Reject> = Err(Reject::Boundary);
     const COMPLEX: Result<(), Reject> = Err(Reject::NonManifold);
     const LOCKED: Result<(), Reject> = Err(Reject::Locked);
     [
-        // Interior Boundary  Complex  Locked
-        [OK, OK, OK, OK],                     // Interior
-        [BOUNDARY, OK, OK, OK],               // Boundary: only along the boundary
-        [COMPLEX, COMPLEX, COMPLEX, COMPLEX], // Complex
-        [LOCKED, LOCKED, LOCKED, LOCKED],     // Locked
+        // Interior Boundary Junction  Complex  Locked
+        [OK, OK, OK, OK, OK],                          // Interior
+        [BOUNDARY, OK, OK, OK, OK],                    // Boundary: only along the boundary
+        [BOUNDARY, BOUNDARY, OK, OK, OK],              // Junction: only along the curve
+        [COMPLEX, COMPLEX, COMPLEX, COMPLEX, COMPLEX], // Complex
+        [LOCKED, LOCKED, LOCKED, LOCKED, LOCKED],      // Locked
     ]
 };

@@ -41,6 +41,8 @@ impl Collapser {
             self.open.clear();
             self.closes = None;
             self.link_inside::<L>(known, surface)
+        } else if known.at(&surface.rings, v0).class == Some(Class::Junction) {
+            self.link_along(surface, v0, v1)
         } else {
             self.link_anywhere::<L>(surface, v0, v1)
         }
@@ -49,7 +51,7 @@ impl Collapser {
     /// The link condition of an edge between interior vertices.
     #[inline(always)]
     fn link_inside<L: Lanes>(&self, known: KnownIds, surface: &Surface) -> Result<(), Reject> {
-        let [first, second] = self.opposite;
+        let [first, second, ..] = self.opposite;
         let len = |v: u32| {
             let ring = known.at(&surface.rings, v);
             // A triangle is taken out of it soon.
@@ -114,8 +116,10 @@ impl Collapser {
         if class0 == Class::Boundary {
             self.open_edges::<L>(v0, true);
         }
-        if class1 == Class::Boundary {
-            self.open_edges::<L>(v1, false);
+        match class1 {
+            Class::Boundary => self.open_edges::<L>(v1, false),
+            Class::Junction => self.curve_edges(surface, v1, v0),
+            _ => {}
         }
         self.closes = None;
         // Every neighbour of v0 that also is one of v1 must be opposite to the edge.
@@ -196,7 +200,7 @@ impl Collapser {
         }
         let (b0, b1) = (&self.b[..self.n0], &self.b[self.n0..self.n_kept]);
         let inner = |w: u32| surface.rings[w as usize].class == Some(Class::Interior);
-        let known = |w: u32| self.opposite.contains(&w);
+        let known = |w: u32| self.opposite[..2].contains(&w);
         b0.iter().copied().find(|&w| inner(w) && !known(w) && b1.contains(&w))
     }
 }

@@ -7,6 +7,7 @@
 mod carry_out;
 pub(crate) mod collapser;
 mod gather;
+mod junction;
 pub(crate) mod legality;
 mod link;
 pub(crate) mod roles;
@@ -226,7 +227,7 @@ impl Collapser {
             self.carry_out::<Portable>(known, surface, plan, around, quadric, number);
             return;
         };
-        let fixed = known.at(&surface.rings, plan.v1).class.is_some_and(Class::is_fixed);
+        let fixed = surface.stays_at_v1(plan.v0, plan.v1);
         let corners = Corners { surface, wedges: state.wedges.as_deref() };
         attributes.before(corners, self.lists(plan), (&around.centre, plan.place), fixed);
         self.carry_out::<Portable>(known, surface, plan, around, quadric, number);

@@ -7,6 +7,7 @@
 
 use crate::cost::quadric::{Evaluated, LENGTH_COST, MAX_REACH, REGULARISATION, VOLUME_SHARE};
 use crate::surface::Surface;
+use crate::surface::class::Class;
 use crate::surface::flats::{Flats, Meeting, across};
 use crate::vertex::Vertex;
 use stonecut_mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub};
@@ -39,7 +40,8 @@ pub(crate) fn correct(
         let centre = scale(add(from.position, to.position), 0.5);
         let best = flats.meeting(mask, centre).and_then(|mut meeting| {
             meeting.nearest = scale(meeting.nearest, surface.scale);
-            best_within((from, to), half, &meeting)
+            let keeps_volume = surface.rings[v0[i] as usize].class != Some(Class::Junction);
+            best_within((from, to), half, &meeting, keeps_volume)
         });
         match best {
             None => found.cost[i] *= BROKEN,
@@ -101,6 +103,7 @@ fn best_within(
     (from, to): (&Vertex, &Vertex),
     half: Vec3,
     meeting: &Meeting,
+    keeps_volume: bool,
 ) -> Option<(Vec3, f64)> {
     let (q0, q1) = (&from.quadric, &to.quadric);
     let trace: f64 = [0, 3, 5].iter().map(|&k: &usize| f64::from(q0[k]) + f64::from(q1[k])).sum();
@@ -128,7 +131,7 @@ fn best_within(
             .fold([0.0; 3], |sum, n| add(sum, scale(*n, dot(*n, g)))),
     );
     let mut place = free;
-    if length_sq(within) > (trace * f64::from(VOLUME_SHARE)).powi(2) {
+    if keeps_volume && length_sq(within) > (trace * f64::from(VOLUME_SHARE)).powi(2) {
         let step = (dot(sub(g1, g0), half) - dot(g, free)) / dot(g, way);
         let kept = add(free, scale(way, step));
         place = if is_near(kept) { kept } else { free };

@@ -4,6 +4,7 @@ pub(crate) mod attribute_lanes;
 pub(crate) mod attributes;
 pub(crate) mod flats;
 pub(crate) mod fold_quadric;
+pub(crate) mod junction;
 pub(crate) mod labels;
 pub(crate) mod placement;
 pub(crate) mod quadric;

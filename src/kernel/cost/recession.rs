@@ -8,7 +8,6 @@
 //! docs/algorithm.md, section 3, has the price.
 
 use crate::surface::Surface;
-use crate::surface::class::Class;
 use crate::vertex::GONE;
 use stonecut_mesh::vec3::{Vec3, length_sq, sub, triangle_distance_sq};
 
@@ -26,7 +25,7 @@ impl Recession {
     /// `place` is that of the survivor unless the second vertex is fixed.
     pub(crate) fn of(surface: &Surface, edge: (u32, u32), place: [f32; 3]) -> Recession {
         let half = surface.edge(edge.0, edge.1).map(|x| 0.5 * f64::from(x));
-        let is_fixed = surface.rings[edge.1 as usize].class.is_some_and(Class::is_fixed);
+        let is_fixed = surface.stays_at_v1(edge.0, edge.1);
         let survivor = if is_fixed { half } else { place.map(f64::from) };
         Recession { edge, half, survivor }
     }

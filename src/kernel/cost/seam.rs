@@ -8,6 +8,7 @@ use crate::cost::attribute_lanes::LEAST_SHAPE_SQ;
 use crate::cost::attributes::MAX_WEIGHTED;
 use crate::cost::quadric::{Evaluated, LENGTH_COST, MAX_REACH, VOLUME_SHARE, cross3, dot3, sub3};
 use crate::simd::{Job, Lanes};
+use crate::surface::class::Class;
 use crate::surface::wedges::Wedges;
 use crate::surface::wedges::pairs::Pairs;
 use crate::surface::{MAX_VALENCE, Surface, boundary_quadric};
@@ -281,7 +282,9 @@ impl Wedges {
         let far_sq = length_sq(half) * f64::from(MAX_REACH * MAX_REACH);
         // Written so that NaN is too far.
         let is_near = |line: &Line, s: f64| length_sq(line.at(s)) <= far_sq;
-        let volume = if fixed { None } else { Line::of_volume(ends, half) };
+        // Sheets that meet have no common side.
+        let has_side = !fixed && surface.rings[v0 as usize].class != Some(Class::Junction);
+        let volume = if has_side { Line::of_volume(ends, half) } else { None };
         let beside = volume.and_then(|line| Some((least(&line)?, line)));
         let beside = beside.filter(|((s, _), line)| is_near(line, *s));
         let is_on_edge = beside.is_none();

@@ -20,7 +20,7 @@ use crate::surface::{MAX_VALENCE, Surface};
 use crate::vertex::GONE;
 use stonecut_mesh::corners::others;
 use stonecut_mesh::duplicate_triangles::{Repeats, flaps, from_least};
-use stonecut_mesh::vec3::{dot, length_sq, normal, sub};
+use stonecut_mesh::vec3::{dot, length_sq, normal, place_bits, sub};
 
 /// Counts of a cleaning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,18 +37,27 @@ const FLAT: f64 = 1e-9;
 /// A row of vertices on one long edge takes one pass for each of them at worst.
 const PASSES: usize = 8;
 
-/// Cleans; `flat`: triangles that may be without area, of which all that are so are among them.
-pub(crate) fn clean(state: &mut MeshState, flat: &[u32], simd: Simd) -> Cleaned {
+/// Triangles to clean away if they have no area.
+pub(crate) struct Flat<'a> {
+    /// Those that may be so: all that are are among them.
+    pub(crate) triangles: &'a [u32],
+    /// True if boundaries that touch will be joined at attribute seams: then both sides keep their vertices.
+    pub(crate) may_touch: bool,
+}
+
+/// Cleans a surface.
+pub(crate) fn clean(state: &mut MeshState, flat: Flat, simd: Simd) -> Cleaned {
     let mut touched = Vec::new();
     let mut cleaned =
         Cleaned { duplicates: drop_repeats(&mut state.surface, &mut touched), flat: 0 };
     recompute_vertices(state, &mut touched, simd);
     // The wedges of a seam would have to be cut with the triangles.
-    if !flat.is_empty() && state.wedges.is_none() {
-        let mut waiting: Vec<u32> = flat.to_vec();
+    if !flat.triangles.is_empty() && state.wedges.is_none() {
+        let mut waiting: Vec<u32> = flat.triangles.to_vec();
+        let copies = if flat.may_touch { copies(&state.surface) } else { Vec::new() };
         for _ in 0..PASSES {
             let before = waiting.len();
-            waiting.retain(|&t| match remove(&mut state.surface, t, &mut touched) {
+            waiting.retain(|&t| match remove(&mut state.surface, t, &copies, &mut touched) {
                 Outcome::Done => {
                     cleaned.flat += 1;
                     recompute_vertices(state, &mut touched, simd);
@@ -68,7 +77,7 @@ pub(crate) fn clean(state: &mut MeshState, flat: &[u32], simd: Simd) -> Cleaned 
 fn drop_repeats(surface: &mut Surface, touched: &mut Vec<u32>) -> u64 {
     let mut known: Vec<([u32; 3], u32)> = Vec::new();
     for v in 0..surface.vertices.len() as u32 {
-        if surface.rings[v as usize].class != Some(Class::Complex) {
+        if !surface.rings[v as usize].class.is_some_and(Class::is_non_manifold) {
             continue;
         }
         for &t in surface.ring(v) {
@@ -84,7 +93,7 @@ fn drop_repeats(surface: &mut Surface, touched: &mut Vec<u32>) -> u64 {
     found.add(&known, corners);
     let Repeats { same: mut repeats, reversed } = found;
     if !reversed.is_empty() {
-        let is_known = |v: u32| surface.rings[v as usize].class == Some(Class::Complex);
+        let is_known = |v: u32| surface.rings[v as usize].class.is_some_and(Class::is_non_manifold);
         let turned: Vec<[u32; 3]> = reversed.iter().map(|&t| corners(t)).collect();
         let mut all: Vec<u32> = known.iter().map(|&(_, t)| t).collect();
         all.sort_unstable();
@@ -137,8 +146,21 @@ fn longest_edge(surface: &Surface, t: u32) -> Option<[u32; 3]> {
     Some([at(0), at(1), at(2)])
 }
 
-/// Takes a triangle without area out of the surface.
-fn remove(surface: &mut Surface, t: u32, touched: &mut Vec<u32>) -> Outcome {
+/// Vertices that are not the only ones in their place, in order.
+fn copies(surface: &Surface) -> Vec<u32> {
+    let mut open: Vec<([u64; 3], u32)> = (0..surface.vertices.len() as u32)
+        .filter(|&v| surface.rings[v as usize].class != Some(Class::Interior))
+        .map(|v| (place_bits(surface.vertices[v as usize].position), v))
+        .collect();
+    open.sort_unstable();
+    let several = open.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1);
+    let mut copies: Vec<u32> = several.flatten().map(|&(_, v)| v).collect();
+    copies.sort_unstable();
+    copies
+}
+
+/// Takes a triangle without area out of the surface; not where all its corners have `copies`.
+fn remove(surface: &mut Surface, t: u32, copies: &[u32], touched: &mut Vec<u32>) -> Outcome {
     let Some([a, b, middle]) = longest_edge(surface, t) else { return Outcome::Never };
     let class = |v: u32| surface.rings[v as usize].class;
     if [a, b, middle].into_iter().any(|v| surface.rings[v as usize].len > MAX_VALENCE) {
@@ -159,7 +181,8 @@ fn remove(surface: &mut Surface, t: u32, touched: &mut Vec<u32>) -> Outcome {
             && neighbours(b, middle) > 1
             && Fan::new().look(surface, middle) != Class::Interior;
         let is_loose = is_free && !is_held && ![a, b, middle].into_iter().any(is_last);
-        if across.is_empty() && is_loose {
+        let touches = [a, b, middle].iter().all(|v| copies.binary_search(v).is_ok());
+        if across.is_empty() && is_loose && !touches {
             drop_triangle(surface, t, touched);
             return Outcome::Done;
         }
@@ -172,7 +195,7 @@ fn remove(surface: &mut Surface, t: u32, touched: &mut Vec<u32>) -> Outcome {
     if longest_edge(surface, u).is_some() {
         return Outcome::Later;
     }
-    let is_one_fan = |v: u32| class(v) != Some(Class::Complex);
+    let is_one_fan = |v: u32| !class(v).is_some_and(Class::is_non_manifold);
     let is_joined = |v: u32, w: u32| {
         surface.ring(v).iter().any(|&t| surface.triangles[t as usize].contains(&w))
     };

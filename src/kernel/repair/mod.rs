@@ -1,6 +1,7 @@
 //! Repairs a surface before and between collapses: cleans, joins, takes apart.
 
 pub(crate) mod clean;
+mod curves;
 pub(crate) mod make_manifold;
 pub(crate) mod pair_boundaries;
 pub(crate) mod weld;

@@ -2,14 +2,16 @@
 //!
 //! Before anything is collapsed. A scan that was split along texture seams is otherwise a heap of charts,
 //! each with its boundary, and cracks would open between them. Where joining would put two
-//! triangles on the same side of an edge, it is not done. Locked vertices are never joined: another cell
+//! triangles on the same side of an edge, it is not done, unless three or more sheets meet there along a curve. Locked vertices are never joined: another cell
 //! knows them; what coincides with one is locked too, so that both sides stay together.
 //!
 //! Vertices whose confined channels (texture coordinates) are the same become one for good under
 //! `Topology::Error`, with the channels of the lowest id; if others are to stay apart, they do as wedges
-//! (`wedges`). Without confined channels and under `Topology::Error`, `make_manifold` does more instead.
+//! (`wedges`). Without confined channels and under `Topology::Error`, only junction curves are joined: `make_manifold` does the
+//! rest, and more.
 
 use crate::options::Topology;
+use crate::repair::curves::Curves;
 use crate::simd::Simd;
 use crate::state::MeshState;
 use crate::surface::Surface;
@@ -26,14 +28,24 @@ pub(crate) fn coincident(
     simd: Simd,
 ) -> u64 {
     let surface = &mut state.surface;
-    let mut join = candidates(surface);
+    let mends = topology == Topology::Error && !confined.contains(&true);
+    let Candidates { mut join, locked } = candidates(surface);
     if join.is_empty() {
         return 0;
     }
     let mut joined: Vec<u32> = (0..surface.vertices.len() as u32).collect();
-    join.iter().for_each(|&(v, into)| joined[v as usize] = into);
+    join.iter().chain(&locked).for_each(|&(v, first)| joined[v as usize] = first);
+    let is_open = |v: u32| surface.rings[v as usize].class != Some(Class::Locked);
+    let curves = Curves::find(surface, |v| joined[v as usize], is_open);
+    locked.iter().for_each(|&(v, _)| joined[v as usize] = v);
+    if mends {
+        join.retain(|&(v, into)| {
+            joined[v as usize] = if curves.has(into) { into } else { v };
+            curves.has(into)
+        });
+    }
     loop {
-        let bad = conflicts(surface, &join, &joined);
+        let bad = conflicts(surface, &join, &joined, &curves);
         if bad.is_empty() {
             break;
         }
@@ -75,23 +87,23 @@ pub(crate) fn coincident(
     join.len() as u64
 }
 
-/// Locks what coincides with a locked vertex, and joins nothing.
-pub(crate) fn lock_coincident(surface: &mut Surface) {
-    if surface.rings.iter().any(|ring| ring.class == Some(Class::Locked)) {
-        candidates(surface);
-    }
+/// Vertices with open edges, each with the one of lowest source in the same place.
+struct Candidates {
+    /// Free ones, ascending.
+    join: Vec<(u32, u32)>,
+    /// Locked ones, which are not joined.
+    locked: Vec<(u32, u32)>,
 }
 
-/// Vertices with open edges, each with the one of lowest source in the same place, ascending. Where one of them
-/// is locked, they all become so instead.
-fn candidates(surface: &mut Surface) -> Vec<(u32, u32)> {
+/// Finds vertices with open edges in one place. Where one of them is locked, they all become so.
+fn candidates(surface: &mut Surface) -> Candidates {
     // Where several fans of one chart meet in a vertex, the gaps may be what other charts fill.
     let may_join = |v: &u32| {
         let ring = &surface.rings[*v as usize];
         match ring.class {
             Some(Class::Locked) => true,
             // Cleaning may have taken all triangles of a vertex: it is gone as far as others can tell.
-            Some(Class::Boundary | Class::Complex) => ring.len > 0,
+            Some(Class::Boundary | Class::Junction | Class::Complex) => ring.len > 0,
             Some(Class::Interior) | None => false,
         }
     };
@@ -101,12 +113,13 @@ fn candidates(surface: &mut Surface) -> Vec<(u32, u32)> {
         .map(|v| (place(v), surface.source[v as usize], v))
         .collect();
     found.sort_unstable();
-    let mut join = Vec::new();
+    let (mut join, mut locked) = (Vec::new(), Vec::new());
     for group in found.chunk_by(|a, b| a.0 == b.0).filter(|group| group.len() > 1) {
         let class = |v: u32| surface.rings[v as usize].class;
         if group.iter().any(|&(_, _, v)| class(v) == Some(Class::Locked)) {
             for &(_, _, v) in group {
                 surface.rings[v as usize].class = Some(Class::Locked);
+                locked.push((v, group[0].2));
             }
             continue;
         }
@@ -115,11 +128,11 @@ fn candidates(surface: &mut Surface) -> Vec<(u32, u32)> {
         }
     }
     join.sort_unstable();
-    join
+    Candidates { join, locked }
 }
 
-/// Vertices, ascending, whose joining would repeat a directed edge or a corner.
-fn conflicts(surface: &Surface, join: &[(u32, u32)], joined: &[u32]) -> Vec<u32> {
+/// Vertices, ascending, whose joining would repeat a directed edge or a corner, but on junction curves.
+fn conflicts(surface: &Surface, join: &[(u32, u32)], joined: &[u32], curves: &Curves) -> Vec<u32> {
     let joined = |v: u32| joined[v as usize];
     let mut touched: Vec<u32> = join.iter().flat_map(|&(v, into)| [v, into]).collect();
     touched.sort_unstable();
@@ -143,6 +156,9 @@ fn conflicts(surface: &Surface, join: &[(u32, u32)], joined: &[u32]) -> Vec<u32>
     }
     edges.sort_unstable();
     for same in edges.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
+        if curves.has_edge(same[0].0) {
+            continue;
+        }
         bad.extend(same.iter().flat_map(|(_, now)| now));
     }
     bad.retain(|v| touched.binary_search(v).is_ok());

@@ -146,7 +146,7 @@ impl Driver {
                 self.rejects.add(reason);
                 return;
             }
-            batch.fixed[n] = fixation(known, &self.state.surface, v1);
+            batch.fixed[n] = fixation(known, &self.state.surface, v0, v1);
         }
         // The rings of those that collapse are wanted next.
         prefetch(&self.state.surface.arena, ring0.start);

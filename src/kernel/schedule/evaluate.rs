@@ -2,18 +2,19 @@
 
 use crate::collapse::collapser::eight;
 use crate::cost::quadric::{self, Evaluated};
-use crate::cost::{flats, labels, placement, seam};
+use crate::cost::{flats, junction, labels, placement, seam};
 use crate::options::Placement;
 use crate::simd::Lanes;
 use crate::simd::unchecked::KnownIds;
 use crate::state::MeshState;
 use crate::surface::Surface;
-use crate::surface::class::Class;
+use crate::surface::junction::stays_at_v1;
 
-/// 1 if the vertex may not move, else 0.
+/// 1 if the survivor of a collapse stays at `v1`, else 0.
 #[inline(always)]
-pub(super) fn fixation(known: KnownIds, surface: &Surface, v: u32) -> f32 {
-    f32::from(u8::from(known.at(&surface.rings, v).class >= Some(Class::Complex)))
+pub(super) fn fixation(known: KnownIds, surface: &Surface, v0: u32, v1: u32) -> f32 {
+    let class = |v: u32| known.at(&surface.rings, v).class;
+    f32::from(u8::from(stays_at_v1(class(v0), class(v1))))
 }
 
 /// Evaluates eight edges from `v0` to `v1`; `fixed` is 1 where `v1` may not move, else 0.
@@ -30,6 +31,9 @@ pub(super) fn evaluate_eight<L: Lanes>(
         true => evaluate_attributes::<L>((known, state), v0, v1, fixed),
         false => quadric::edges::<L>(from, to, fixed, surface.scale),
     };
+    if surface.has_junctions && state.attributes.is_none() {
+        junction::correct::<L>((surface, state.wedges.as_deref()), v0, v1, fixed, &mut found);
+    }
     if let Some(flats) = &surface.flats {
         flats::correct((surface, flats), v0, v1, fixed, &mut found);
     }

@@ -80,7 +80,7 @@ impl<F: FnMut(u32, u32, f32)> Seeds<'_, F> {
                 if classes_allow(known, surface, v0[i], v1[i]).is_err() {
                     allowed &= !(1 << i);
                 }
-                fixed[i] = fixation(known, surface, v1[i]);
+                fixed[i] = fixation(known, surface, v0[i], v1[i]);
             }
         }
         let cost = evaluate_eight::<L>((known, self.state), &v0, &v1, &fixed).cost;

@@ -113,6 +113,7 @@ impl MeshState {
             n_channels,
             placement: Placement::default(),
             flats: None,
+            has_junctions: false,
             rounds: false,
             scale,
             unscale: 1.0 / scale,

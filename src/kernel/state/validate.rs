@@ -136,11 +136,11 @@ fn check_rings(surface: &Surface) -> Result<(), String> {
     }
 }
 
-/// An interior vertex has one closed fan, one of a boundary one open fan.
+/// An interior vertex has one closed fan, one of a boundary one open fan, one on a junction curve a book.
 #[cfg(debug_assertions)]
 fn check_class(surface: &Surface, v: u32, class: Class) -> Result<(), String> {
     let ring = surface.ring(v);
-    let is_checked = matches!(class, Class::Interior | Class::Boundary);
+    let is_checked = matches!(class, Class::Interior | Class::Boundary | Class::Junction);
     if !is_checked || ring.is_empty() {
         return Ok(());
     }

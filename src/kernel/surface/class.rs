@@ -9,15 +9,17 @@ pub(crate) enum Class {
     Interior,
     /// Its triangles form one open fan.
     Boundary,
-    /// Neither: on a non-manifold edge, or several fans meet in it.
+    /// In the middle of a junction curve: three or more sheets end in the same two edges (`surface::junction`).
+    Junction,
+    /// None of these: an end or a crossing of junction curves, on another non-manifold edge, or several fans meet in it.
     Complex,
     /// The caller holds it fixed.
     Locked,
 }
 
 impl Class {
-    /// Returns whether a vertex of this class may be moved.
-    pub(crate) fn is_fixed(self) -> bool {
-        matches!(self, Class::Complex | Class::Locked)
+    /// Returns whether it is on edges of more than two triangles, or several fans meet in it.
+    pub(crate) fn is_non_manifold(self) -> bool {
+        matches!(self, Class::Junction | Class::Complex)
     }
 }

@@ -8,7 +8,7 @@ use crate::vertex::GONE;
 use stonecut_mesh::corners::others;
 
 impl Surface {
-    /// Finds the class of a vertex that is not locked and adds the quadrics of its boundary edges.
+    /// Finds the class of a vertex that is not locked and adds the quadrics of its edges on boundaries or junction curves.
     pub(crate) fn classify(&mut self, v: u32, fan: &mut Fan) {
         if self.rings[v as usize].class == Some(Class::Locked) {
             return;
@@ -16,7 +16,8 @@ impl Surface {
         let valence = self.rings[v as usize].len;
         let class = if valence > MAX_VALENCE { Class::Complex } else { fan.look(self, v) };
         self.rings[v as usize].class = Some(class);
-        if class == Class::Boundary {
+        self.has_junctions |= class == Class::Junction;
+        if matches!(class, Class::Boundary | Class::Junction) {
             for &w in &fan.ends {
                 let quadric = boundary_quadric(self.edge(v, w));
                 let sum = &mut self.vertices[v as usize].quadric;
@@ -53,10 +54,10 @@ pub(crate) fn is_one_fan<L: Lanes>(known: KnownIds, surface: &Surface, v: u32) -
 /// The triangles of one vertex as pairs of corners; re-used from vertex to vertex.
 #[derive(Clone)]
 pub(crate) struct Fan {
-    b: [u32; MAX_VALENCE as usize],
-    c: [u32; MAX_VALENCE as usize],
-    n: usize,
-    /// Neighbours over open edges.
+    pub(super) b: [u32; MAX_VALENCE as usize],
+    pub(super) c: [u32; MAX_VALENCE as usize],
+    pub(super) n: usize,
+    /// Neighbours over open edges; in the middle of a junction curve over its edges.
     pub(crate) ends: Vec<u32>,
 }
 
@@ -97,6 +98,7 @@ impl Fan {
             Some(start) if walk(b, c, start).0 == b.len() && !repeated(b) && !repeated(c) => {
                 Class::Boundary
             }
+            _ if self.is_book() => Class::Junction,
             _ => Class::Complex,
         }
     }

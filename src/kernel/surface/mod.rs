@@ -7,6 +7,7 @@ pub(crate) mod class;
 pub(crate) mod faces;
 pub(crate) mod fan;
 pub(crate) mod flats;
+pub(crate) mod junction;
 pub(crate) mod morton;
 mod rings;
 pub(crate) mod wedges;
@@ -62,6 +63,8 @@ pub(crate) struct Surface {
     pub(crate) placement: Placement,
     /// Planes that parts of it lie in exactly, if there are any.
     pub(crate) flats: Option<Box<Flats>>,
+    /// True if there are vertices of class `Junction`.
+    pub(crate) has_junctions: bool,
     /// True if new places are numbers of `f32`, as the output's are.
     pub(crate) rounds: bool,
     /// Power of two that brings edges near to length 1, so that f32 neither over- nor underflows.

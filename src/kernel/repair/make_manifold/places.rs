@@ -1,8 +1,10 @@
 //! Vertices that lie in the same place, and those that mending has to look at.
 
+use crate::repair::curves::Curves;
 use crate::surface::Surface;
 use crate::surface::class::Class;
 use crate::vertex::GONE;
+use stonecut_mesh::vec3::place_bits;
 
 /// No number of a vertex or corner.
 pub(super) const NONE: u32 = u32::MAX;
@@ -11,27 +13,26 @@ pub(super) const NONE: u32 = u32::MAX;
 pub(super) struct Places {
     /// For each vertex the first one in exactly the same place, if both are open or locked; else itself.
     pub(super) place: Vec<u32>,
-    /// Non-manifold vertices, and open ones that share their place. All others stay what they are: one fan.
+    /// Non-manifold vertices off junction curves, and open ones that share their place. All others stay what they are: one fan.
     pub(super) is_affected: Vec<bool>,
 }
 
 impl Places {
     /// `None` if no vertex is affected. With `has_seams`, sheets between locked vertices of one place belong together.
     pub(super) fn new(surface: &Surface, has_seams: bool) -> Option<Self> {
-        // Adding 0 makes -0 and 0 the same place.
-        let at = |v: usize| surface.vertices[v].position.map(|x| (x + 0.0).to_bits());
-        let is_complex = |v: u32| surface.rings[v as usize].class == Some(Class::Complex);
+        let is_complex =
+            |v: u32| surface.rings[v as usize].class.is_some_and(Class::is_non_manifold);
         // Locked wedges in one place are not joined, but the sheets between them belong together all the same.
         let is_locked = |v: u32| surface.rings[v as usize].class == Some(Class::Locked);
         let mut open: Vec<([u64; 3], u32)> = Vec::new();
         for (v, ring) in surface.rings.iter().enumerate() {
             let is_open = match ring.class {
-                Some(Class::Boundary | Class::Complex) => true,
+                Some(Class::Boundary | Class::Junction | Class::Complex) => true,
                 Some(Class::Locked) => has_seams,
                 Some(Class::Interior) | None => false,
             };
             if ring.len > 0 && is_open {
-                open.push((at(v), v as u32));
+                open.push((place_bits(surface.vertices[v].position), v as u32));
             }
         }
         open.sort_unstable();
@@ -49,7 +50,31 @@ impl Places {
                 is_affected[v as usize] = is_met(same, v);
             }
         }
-        Some(Places { place, is_affected })
+        let mut places = Places { place, is_affected };
+        places.spare_curves(surface);
+        places.is_affected.contains(&true).then_some(places)
+    }
+
+    /// Sheets that meet along a curve stay together.
+    fn spare_curves(&mut self, surface: &Surface) {
+        // Copies of a locked vertex count as one here, whether they are joined or not.
+        let locked = |v: &u32| surface.rings[*v as usize].class == Some(Class::Locked);
+        let mut copies: Vec<([u64; 3], u32)> = (0..surface.rings.len() as u32)
+            .filter(locked)
+            .map(|v| (place_bits(surface.vertices[v as usize].position), v))
+            .collect();
+        copies.sort_unstable();
+        let mut place = self.place.clone();
+        for same in copies.chunk_by(|a, b| a.0 == b.0) {
+            same.iter().for_each(|&(_, v)| place[v as usize] = same[0].1);
+        }
+        let is_affected = |v: u32| self.is_affected[v as usize];
+        let curves = Curves::find(surface, |v| place[v as usize], is_affected);
+        for (v, place) in place.into_iter().enumerate() {
+            if curves.has(place) {
+                (self.place[v], self.is_affected[v]) = (v as u32, false);
+            }
+        }
     }
 
     /// Triangles, ascending, of which at least `least` corners are affected.

@@ -2,12 +2,13 @@
 
 use super::Wedges;
 use crate::surface::Surface;
+use crate::surface::junction::MOST_SHEETS;
 use stonecut_mesh::corners::others;
 
 /// Pairs of wedges of `v0` and `v1` that become one: those of the triangles over the edge.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Pairs {
-    list: [(u32, u32); 2],
+    list: [(u32, u32); MOST_SHEETS],
     pub(crate) n: usize,
     /// One wedge would have to become two, or two would become one.
     pub(crate) splits: bool,
@@ -35,7 +36,7 @@ impl Pairs {
                 return;
             }
         }
-        if self.n < 2 {
+        if self.n < MOST_SHEETS {
             self.list[self.n] = pair;
             self.n += 1;
         }
