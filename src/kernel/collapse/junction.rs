@@ -62,6 +62,9 @@ impl Collapser {
         if b0.iter().zip(c0).any(falls) {
             return Err(Reject::LinkCondition);
         }
+        if surface.has_locked_copies && self.meets_copy(surface) {
+            return Err(Reject::LinkCondition);
+        }
         if !surface.may_shorten(v0) {
             return Err(Reject::Boundary);
         }

@@ -155,6 +155,9 @@ impl Collapser {
                 }
             }
         }
+        if surface.has_locked_copies && self.meets_copy(surface) {
+            return Err(Reject::LinkCondition);
+        }
         if n_gone == 2 {
             // A triangle over both opposite corners at either end: the two would fall together.
             let over = |(&b, &c): (&u32, &u32)| !common_neighbour(b) && !common_neighbour(c);
@@ -163,6 +166,18 @@ impl Collapser {
             }
         }
         Ok(())
+    }
+
+    /// True if the ends have a common neighbour that neither sees as such: each is next to another copy of a locked vertex.
+    #[inline(never)]
+    pub(super) fn meets_copy(&self, surface: &Surface) -> bool {
+        let is_locked = |w: &&u32| surface.rings[**w as usize].class == Some(Class::Locked);
+        let place = |w: u32| surface.vertices[w as usize].position;
+        let around = |range: Range<usize>| self.b[range.clone()].iter().chain(&self.c[range]);
+        let opposite = &self.opposite[..self.n - self.n_kept];
+        let mut of_v0 = around(0..self.n0).filter(is_locked).filter(|w| !opposite.contains(w));
+        let of_v1 = || around(self.n0..self.n_kept).chain(opposite).filter(is_locked);
+        of_v0.any(|&w| of_v1().any(|&x| x != w && place(x) == place(w)))
     }
 
     /// Collects the neighbours of an end over its open edges, the other end left out.

@@ -30,6 +30,7 @@ pub(crate) fn coincident(
     let surface = &mut state.surface;
     let mends = topology == Topology::Error && !confined.contains(&true);
     let Candidates { mut join, locked } = candidates(surface);
+    surface.has_locked_copies = !locked.is_empty() && !mends;
     if join.is_empty() {
         return 0;
     }

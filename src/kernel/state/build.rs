@@ -114,6 +114,7 @@ impl MeshState {
             placement: Placement::default(),
             flats: None,
             has_junctions: false,
+            has_locked_copies: false,
             rounds: false,
             scale,
             unscale: 1.0 / scale,
