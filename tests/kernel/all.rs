@@ -14,6 +14,7 @@ mod common {
 mod dirty;
 mod facing;
 mod gaps;
+mod junctions;
 mod property;
 mod quality;
 mod strays;

@@ -10,6 +10,7 @@ mod fit;
 mod flats;
 mod in_memory;
 mod input;
+mod junctions;
 mod lock;
 mod max_error;
 mod methods;

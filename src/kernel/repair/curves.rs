@@ -1,6 +1,6 @@
 //! Finds junction curves among vertices that may lie in one place: edges of three or more triangles that are not noise.
 //!
-//! Before sheets are joined or taken apart: along curves they stay together, everywhere else edges of so many triangles are
+//! Before sheets are joined or taken apart: along curves they stay together, everywhere else such edges are
 //! mended as ever. Which are curves is decided by what hangs together within the cell; what reaches a locked vertex may go on
 //! in another cell and counts as a curve here.
 

@@ -17,10 +17,10 @@ pub(crate) const MOST_SHEETS: usize = 7;
 /// more than `MANY` of them. On scans such edges are fins of one or two triangles and the edges of doubled patches: of 1,236 groups
 /// in dragon_res2 the largest have 42, 17 and 8 edges, with 12, 7 and 5 loose ends.
 const FEW: usize = 8;
-/// Whatever hangs together by more edges than this is a curve.
+/// Edges that hang together are curves if they are more than this.
 const MANY: usize = 48;
 
-/// Returns whether so many connected edges of three or more triangles, with so many loose ends, are curves, not noise.
+/// Returns whether this number of connected edges of three or more triangles, with this number of loose ends, makes curves, not noise.
 pub(crate) fn are_curves(n_edges: usize, n_loose: usize) -> bool {
     n_edges > MANY || n_edges >= FEW * (1 + n_loose)
 }

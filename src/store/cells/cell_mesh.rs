@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use std::ops::AddAssign;
 use stonecut_mesh::Mesh;
 use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_mesh::vec3::place_bits;
 
 /// One loaded cell.
 #[derive(Clone, Debug, Default)]
@@ -25,6 +26,17 @@ impl CellMesh {
     pub fn bytes(&self) -> u64 {
         let ids = self.ids.capacity() * size_of::<GlobalVertex>();
         (ids + self.records.capacity() + self.shared.capacity()) as u64
+    }
+
+    /// Shares what lies in the place of a shared vertex: wedges of one vertex whose triangles are in different cells stay together.
+    pub(super) fn share_places(&mut self) {
+        let positions = &self.mesh.positions;
+        let shared = positions.iter().zip(&self.shared).filter(|(_, shared)| **shared);
+        let mut places: Vec<[u64; 3]> = shared.map(|(&place, _)| place_bits(place)).collect();
+        places.sort_unstable();
+        for (&place, shared) in positions.iter().zip(&mut self.shared) {
+            *shared |= places.binary_search(&place_bits(place)).is_ok();
+        }
     }
 }
 

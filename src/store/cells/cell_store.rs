@@ -428,6 +428,9 @@ impl CellStore {
             }
         }
         drop((map, payload));
+        if self.layout.codec.has_seams(&self.layout.schema) {
+            out.share_places();
+        }
         if !self.info.has_channels {
             out.order_by_lowest_id();
         }

@@ -1,0 +1,106 @@
+//! Sheets that meet along a curve keep their common edges; what is too short for a curve comes apart.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use crate::common::meshes::{halves, squares};
+use std::collections::BTreeMap;
+use stonecut::Mesh;
+use stonecut::kernel::{Options, Stop, Topology, simplify_mesh};
+
+/// Three bumpy pages of `length` x `width` squares that meet in a bent line.
+///
+/// ```text
+///         |
+///         |          three triangles at each edge of the line
+///        / \
+///       /   \
+/// ```
+fn book(length: usize, width: usize) -> Mesh {
+    let mut mesh = Mesh::default();
+    let line = |i: usize| {
+        let x = i as f64 / 32.0;
+        [x, 0.1 * (3.0 * x).sin(), 0.0]
+    };
+    mesh.positions.extend((0..=length).map(line));
+    for page in 0..3 {
+        let (s, c) = (f64::from(page) * std::f64::consts::TAU / 3.0).sin_cos();
+        let first = mesh.positions.len();
+        for j in 1..=width {
+            mesh.positions.extend((0..=length).map(|i| {
+                let ([x, y, z], off) = (line(i), j as f64 / 32.0);
+                let bump = 0.05 * off * (7.0 * x).sin() * (5.0 * off).cos();
+                [x, y + off * c - bump * s, z + off * s + bump * c]
+            }));
+        }
+        let at = |i: usize, j: usize| match j {
+            0 => i as u32,
+            _ => (first + (j - 1) * (length + 1) + i) as u32,
+        };
+        mesh.triangles.extend(halves(squares(length, width), at));
+    }
+    mesh
+}
+
+/// Counts of edges by the number of triangles at them.
+fn edges(mesh: &Mesh) -> BTreeMap<usize, usize> {
+    let mut edges: BTreeMap<[u32; 2], usize> = BTreeMap::new();
+    for t in &mesh.triangles {
+        for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+            *edges.entry([a.min(b), a.max(b)]).or_default() += 1;
+        }
+    }
+    let mut counts = BTreeMap::new();
+    edges.values().for_each(|&n| *counts.entry(n).or_default() += 1);
+    counts
+}
+
+fn simplify(mesh: &Mesh, locked: &[bool], topology: Topology) -> Mesh {
+    let stop = Stop::Triangles(mesh.triangles.len() as u64 / 10);
+    let result =
+        simplify_mesh(mesh.clone(), locked, &Options { stop, topology, ..Options::default() });
+    assert!(result.statistics.reached);
+    result.mesh
+}
+
+#[test]
+fn pages_stay_bound() {
+    let mesh = book(96, 24);
+    let free = vec![false; mesh.positions.len()];
+    for topology in [Topology::Error, Topology::Keep] {
+        let result = simplify(&mesh, &free, topology);
+        let counts = edges(&result);
+        let on_line = counts[&3];
+        assert!((24..80).contains(&on_line), "{on_line} of 96 edges are left");
+        assert!(counts.keys().all(|&n| n <= 3), "{counts:?}");
+        // Both ends of the line, and what lies on it, are still there.
+        let ends = [mesh.positions[0], mesh.positions[96]];
+        assert!(ends.iter().all(|end| result.positions.contains(end)));
+    }
+}
+
+#[test]
+fn a_line_goes_on_beyond_locked_vertices() {
+    // Each piece between locked rows is as short as noise.
+    let mesh = book(40, 12);
+    let locked: Vec<bool> =
+        mesh.positions.iter().map(|p| (p[0] * 32.0).round() % 5.0 == 0.0).collect();
+    let result = simplify_mesh(
+        mesh.clone(),
+        &locked,
+        &Options { stop: Stop::Triangles(1400), ..Options::default() },
+    );
+    let counts = edges(&result.mesh);
+    assert_eq!(counts.get(&3), Some(&40), "no piece is long enough to become shorter");
+    assert_eq!(
+        result.statistics.changes.iter().find(|(name, _)| *name == "vertices_split"),
+        Some(&("vertices_split", 0))
+    );
+}
+
+#[test]
+fn short_lines_come_apart() {
+    // Longer in all than wide, but the line is of ten edges with two loose ends.
+    let mesh = book(10, 30);
+    let result = simplify(&mesh, &vec![false; mesh.positions.len()], Topology::Error);
+    assert_eq!(edges(&result).get(&3), None);
+}
