@@ -36,7 +36,10 @@ fn book(length: usize, width: usize) -> Mesh {
             0 => i as u32,
             _ => (first + (j - 1) * (length + 1) + i) as u32,
         };
-        mesh.triangles.extend(halves(squares(length, width), at));
+        let mut triangles = halves(squares(length, width), at);
+        // Two pages run one way along the line, one the other way.
+        triangles.iter_mut().filter(|_| page == 0).for_each(|t| t.swap(1, 2));
+        mesh.triangles.extend(triangles);
     }
     mesh
 }

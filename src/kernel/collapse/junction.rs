@@ -19,11 +19,8 @@ impl Collapser {
         let n_gone = self.n - n_kept;
         self.closes = None;
         self.open.clear();
-        // Across a sheet, from one curve to another or to another part of the same one.
-        if n_gone < 3 {
-            return Err(Reject::Boundary);
-        }
-        if !self.may_go_along {
+        // Not across a sheet, from one curve to another or to another part of the same one.
+        if n_gone < 3 || !self.may_go_along {
             return Err(Reject::NonManifold);
         }
         self.curve_edges(surface, v0, v1);
@@ -66,7 +63,7 @@ impl Collapser {
             return Err(Reject::LinkCondition);
         }
         if !surface.may_shorten(v0) {
-            return Err(Reject::Boundary);
+            return Err(Reject::NonManifold);
         }
         Ok(())
     }

@@ -31,7 +31,7 @@ pub(crate) fn coincident(
     let mends = topology == Topology::Error && !confined.contains(&true);
     let Candidates { mut join, locked } = candidates(surface);
     surface.has_locked_copies = !locked.is_empty() && !mends;
-    if join.is_empty() {
+    if join.is_empty() || mends && !locked.is_empty() {
         return 0;
     }
     let mut joined: Vec<u32> = (0..surface.vertices.len() as u32).collect();

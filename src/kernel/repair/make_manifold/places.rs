@@ -70,8 +70,13 @@ impl Places {
         }
         let is_affected = |v: u32| self.is_affected[v as usize];
         let curves = Curves::find(surface, |v| place[v as usize], is_affected);
+        // Copies that were not joined are paired as ever.
+        let mut is_alone = vec![true; place.len()];
+        for (v, &first) in self.place.iter().enumerate().filter(|&(v, &first)| first != v as u32) {
+            (is_alone[v], is_alone[first as usize]) = (false, false);
+        }
         for (v, place) in place.into_iter().enumerate() {
-            if curves.has(place) {
+            if is_alone[v] && curves.has(place) {
                 (self.place[v], self.is_affected[v]) = (v as u32, false);
             }
         }
