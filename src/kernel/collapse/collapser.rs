@@ -44,7 +44,7 @@ pub(crate) struct Collapser {
     /// Third vertex of a hole of three edges that the collapse closes.
     pub(super) closes: Option<u32>,
     pub(crate) may_close: bool,
-    /// Whether vertices on junction curves may go along them.
+    /// True if vertices on junction curves may go along them.
     pub(crate) may_go_along: bool,
     pub(super) fan: Fan,
     /// Quadrics of the triangles after minus before.
