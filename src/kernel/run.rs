@@ -10,7 +10,7 @@ use crate::history::History;
 use crate::options::{FitGoal, MAX_TRIANGLES, MAX_VERTICES, Options, Placement, Stop, Topology};
 use crate::quality::Probes;
 use crate::repair;
-use crate::repair::clean::Flat;
+use crate::repair::clean::MayBeFlat;
 use crate::schedule::driver::Driver;
 use crate::simd::Simd;
 use crate::state::MeshState;
@@ -57,7 +57,7 @@ pub(crate) fn start(
     state.surface.placement = options.placement;
     // Under a bound a triangle without area counts as the line that it is, and only a collapse may remove it.
     let flat = if options.bound.is_some() { &[][..] } else { &may_be_flat[..] };
-    let flat = Flat { triangles: flat, may_touch: options.confined.contains(&true) };
+    let flat = MayBeFlat { triangles: flat, may_touch: options.confined.contains(&true) };
     let cleaned = repair::clean::clean(&mut state, flat, simd);
     drop(may_be_flat);
     validate(&state);

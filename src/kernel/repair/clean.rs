@@ -38,7 +38,7 @@ const FLAT: f64 = 1e-9;
 const PASSES: usize = 8;
 
 /// Triangles to clean away if they have no area.
-pub(crate) struct Flat<'a> {
+pub(crate) struct MayBeFlat<'a> {
     /// Those that may be so: all that are are among them.
     pub(crate) triangles: &'a [u32],
     /// True if boundaries that touch will be joined at attribute seams: then both sides keep their vertices.
@@ -46,7 +46,7 @@ pub(crate) struct Flat<'a> {
 }
 
 /// Cleans a surface.
-pub(crate) fn clean(state: &mut MeshState, flat: Flat, simd: Simd) -> Cleaned {
+pub(crate) fn clean(state: &mut MeshState, flat: MayBeFlat, simd: Simd) -> Cleaned {
     let mut touched = Vec::new();
     let mut cleaned =
         Cleaned { duplicates: drop_repeats(&mut state.surface, &mut touched), flat: 0 };
