@@ -22,7 +22,7 @@ pub(super) fn open_mesh(
     temp_dir: &std::path::Path,
     memory: Option<u64>,
 ) -> crate::Result<MeshSource> {
-    MeshSource::open_staged(input, &staging(temp_dir, memory))
+    MeshSource::open_staged(input.into().within(memory), &staging(temp_dir, memory))
 }
 
 /// The threads to work with: as many as asked for, by default one a core.

@@ -164,7 +164,7 @@ impl Args {
     }
 
     fn input(&self) -> InputPaths {
-        self.file.clone().into()
+        InputPaths::from(self.file.clone()).within(self.memory)
     }
 
     fn temp_dir(&self) -> &Path {

@@ -39,7 +39,10 @@ impl FromArgMatches for InOut {
         let paths = matches.get_many::<PathBuf>(ID).into_iter().flatten();
         let mut paths: Vec<PathBuf> = paths.cloned().collect();
         match paths.pop() {
-            Some(output) if !paths.is_empty() => Ok(InOut { input: paths.into(), output }),
+            Some(output) if !paths.is_empty() => {
+                let memory = matches.try_get_one("memory").ok().flatten().copied();
+                Ok(InOut { input: InputPaths::from(paths).within(memory), output })
+            }
             _ => {
                 let what = "the following required arguments were not provided:\n  <OUTPUT>";
                 Err(clap::Error::raw(ErrorKind::MissingRequiredArgument, what))

@@ -87,7 +87,8 @@ const TEXTURE: &str = "texture";
 
 impl Command for Args {
     fn paths(&self) -> Result<Paths> {
-        let add = |paths, mesh: &PathBuf| InputPaths::from(mesh).add_to(paths, "MESH");
+        let inputs = |mesh: &PathBuf| InputPaths::from(mesh).within(self.memory);
+        let add = |paths, mesh: &PathBuf| inputs(mesh).add_to(paths, "MESH");
         self.output_paths(self.mesh.iter().try_fold(Paths::new(self.force), add)?)
     }
 

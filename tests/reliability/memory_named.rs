@@ -121,6 +121,40 @@ fn reports_of_others_take_no_memory() {
     assert!(std::fs::metadata(at.join("r.json")).unwrap().len() < 100_000);
 }
 
+/// Lists and trees of tiles of others are weighed before their parts are looked for.
+#[test]
+fn lists_and_trees_of_others_take_a_share_of_the_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth statue in.ply --triangles 500", 0);
+    std::fs::write(at.join("l.txt"), "in.ply\n".repeat(40_000)).unwrap();
+    is_enough(at, "convert @l.txt o.ply --force", "64MiB");
+    std::fs::create_dir(at.join("t")).unwrap();
+    expect(at, "convert in.ply t/a.glb", 0);
+    let tree = |children: &str| {
+        let text =
+            format!(r#"{{"asset":{{}},"geometricError":1,"root":{{"children":[{children}]}}}}"#);
+        std::fs::write(at.join("t/tileset.json"), text).unwrap();
+    };
+    let leaf = r#"{"content":{"uri":"a.glb"}}"#;
+    tree(&vec![leaf; 20_000].join(","));
+    is_enough(at, "convert t o.ply --force", "64MiB");
+    // Each mesh once, at each place.
+    tree(&vec![leaf; 10].join(","));
+    expect(at, "convert t o.ply --force", 0);
+    let n_bytes = |name: &str| std::fs::metadata(at.join(name)).unwrap().len();
+    assert!(n_bytes("o.ply") < 2 * n_bytes("in.ply"));
+    tree(&format!(
+        "{leaf},{}",
+        r#"{"content":{"uri":"a.glb"},"transform":[1,0,0,0,0,1,0,0,0,0,1,0,9,0,0,1]}"#
+    ));
+    expect(at, "convert t o.ply --force", 0);
+    // Far more than any machine has.
+    tree(&vec!["{}"; 60_000].join(","));
+    let said = expect(at, "info t/tileset.json --memory 64MiB", 6);
+    assert!(said.contains("t/tileset.json"), "{said}");
+}
+
 #[test]
 fn a_library_of_materials_beyond_the_memory_is_refused_with_a_size_that_does() {
     let folder = tempfile::tempdir().unwrap();

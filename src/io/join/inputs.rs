@@ -13,20 +13,28 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 use stonecut_system::disk::{open_input, read_regular};
 use stonecut_system::error::{Error, Result};
+use stonecut_system::memory::{budget_bytes, limit_bytes};
 use stonecut_system::paths::{Paths, Role};
+use stonecut_system::units::{memory_word, show_bytes};
 
 /// Endings of mesh files, as they are looked for in folders.
 const ENDINGS: [&str; 6] = ["ply", "stl", "obj", "glb", "gltf", "b3dm"];
 /// Bytes of a list at most.
 const MOST_LIST_BYTES: u64 = 64 << 20;
+/// The share of the memory that lists and trees of tiles may take.
+const LIST_SHARE: u64 = 4;
+/// Bytes of a part of a mesh before it is opened, beside its name.
+pub(super) const PART_BYTES: u64 = 512;
 /// Folders in folders that are looked into.
 const MOST_DEPTH: usize = 8;
 
 /// Paths that were typed for one mesh. As a `Path` it is what people are shown.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub struct InputPaths {
     given: Vec<PathBuf>,
     shown: PathBuf,
+    /// Memory of the command, if it was said.
+    memory: Option<u64>,
     found: Found,
 }
 
@@ -58,7 +66,13 @@ impl InputPaths {
                 shown.into()
             }
         };
-        InputPaths { given, shown, found: Found::default() }
+        InputPaths { given, shown, memory: None, found: Found::default() }
+    }
+
+    /// The same paths in a command of this memory: lists and trees of tiles take a share of it.
+    pub fn within(mut self, memory: Option<u64>) -> InputPaths {
+        self.memory = memory;
+        self
     }
 
     /// The paths that were typed, sorted.
@@ -82,7 +96,7 @@ impl InputPaths {
             }
             None => folder.join(path),
         };
-        InputPaths::new(self.given.iter().map(place).collect())
+        InputPaths::new(self.given.iter().map(place).collect()).within(self.memory)
     }
 
     /// Returns whether this is one mesh file, or standard input.
@@ -93,7 +107,10 @@ impl InputPaths {
         self.given.len() < 2 && self.given.iter().all(is_one)
     }
 
-    /// The parts, each once. Errors: folders and lists that cannot be read or hold no mesh, or meshes of several formats.
+    /// The parts, each once.
+    ///
+    /// Errors: folders and lists that cannot be read or hold no mesh, or meshes of several formats; `NoMemory` for lists and
+    /// trees beyond a share of the memory.
     pub fn set(&self) -> Result<&InputSet> {
         match self.found.0.get() {
             Some(set) => Ok(set),
@@ -106,12 +123,13 @@ impl InputPaths {
 
     fn look_up(&self) -> Result<InputSet> {
         let mut set = InputSet::default();
+        let limit = budget_bytes(self.memory, limit_bytes()) / LIST_SHARE;
         for path in &self.given {
             if path == Path::new("-") && self.given.len() > 1 {
                 let what = "'-' among several inputs: standard input is one mesh by itself";
                 return Err(Error::Usage(what.to_owned()));
             }
-            add(path, &mut set)?;
+            add(path, limit, &mut set)?;
         }
         let mut keyed: Vec<(PathBuf, MeshPart)> =
             set.parts.into_iter().map(|part| (full(&part.path), part)).collect();
@@ -183,8 +201,21 @@ fn full(path: &Path) -> PathBuf {
     std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
 }
 
-/// Adds what a path names.
-fn add(path: &Path, set: &mut InputSet) -> Result<()> {
+/// Refuses a list or a tree that takes more memory than there is for it; names the memory that does.
+pub(super) fn hold(path: &Path, what: &str, needed: u64, limit: u64) -> Result<()> {
+    if needed <= limit {
+        return Ok(());
+    }
+    Err(Error::NoMemory(format!(
+        "{}: {what} takes up to {} of memory, and 1/{LIST_SHARE} of the budget is for it: give --memory {}",
+        path.display(),
+        show_bytes(needed),
+        memory_word(needed.saturating_mul(LIST_SHARE))
+    )))
+}
+
+/// Adds what a path names; `limit` is the memory for lists and trees.
+fn add(path: &Path, limit: u64, set: &mut InputSet) -> Result<()> {
     if let Some(list) = list_of(path) {
         // Says by itself what is not a file.
         open_input(&list)?;
@@ -194,13 +225,16 @@ fn add(path: &Path, set: &mut InputSet) -> Result<()> {
             .map_err(|_| Error::bad_input(&*list, "a list of files is text in UTF-8"))?;
         let folder = list.parent().unwrap_or(Path::new(""));
         let lines = text.lines().map(str::trim);
+        let lines = lines.filter(|line| !line.is_empty() && !line.starts_with('#'));
+        let needed = lines.clone().map(|line| PART_BYTES + 3 * line.len() as u64).sum();
+        hold(&list, "this list", needed, limit)?;
         let before = set.parts.len();
-        for line in lines.filter(|line| !line.is_empty() && !line.starts_with('#')) {
+        for line in lines {
             let path = folder.join(line);
             if list_of(Path::new(line)).is_some() {
                 return Err(Error::bad_input(&*list, format!("{line}: a list in a list")));
             }
-            add(&path, set)?;
+            add(&path, limit, set)?;
         }
         if set.parts.len() == before {
             return Err(Error::bad_input(&*list, "this list names no file; give one path a line"));
@@ -211,12 +245,13 @@ fn add(path: &Path, set: &mut InputSet) -> Result<()> {
     if path.is_dir() {
         let tree = path.join("tileset.json");
         return match tree.is_file() {
-            true => add(&tree, set),
+            true => add(&tree, limit, set),
             false => add_folder(path, set),
         };
     }
     if is_tree(path) {
-        let InputSet { parts, found_in, losses, .. } = trees::parts_of(path)?;
+        let InputSet { parts, found_in, repeated, losses } = trees::parts_of(path, limit)?;
+        set.repeated.extend(repeated);
         set.parts.extend(parts);
         set.found_in.extend(found_in);
         set.losses.merge(&losses);
@@ -366,6 +401,14 @@ impl<T: AsRef<std::ffi::OsStr> + ?Sized> From<&T> for InputPaths {
         InputPaths::new(vec![PathBuf::from(path.as_ref())])
     }
 }
+
+impl PartialEq for InputPaths {
+    fn eq(&self, other: &InputPaths) -> bool {
+        self.given == other.given
+    }
+}
+
+impl Eq for InputPaths {}
 
 impl PartialEq<&Path> for InputPaths {
     fn eq(&self, other: &&Path) -> bool {

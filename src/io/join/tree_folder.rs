@@ -2,6 +2,8 @@
 
 use super::InputSet;
 use super::contents::{TileFrame, add_content};
+use super::inputs::{PART_BYTES, hold};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use stonecut_system::error::{Error, Result};
 
@@ -10,19 +12,26 @@ const MOST_FILES: usize = 1 << 17;
 /// Meshes of a tree at most.
 const MOST_PARTS: usize = 1 << 21;
 
+/// Bytes of a mesh of a tree before it is opened, with its place among those that are known.
+const TREE_PART_BYTES: u64 = PART_BYTES + 256;
+
 /// A folder that all files of a tree lie in, and what the tree has as far as it was walked.
 pub(super) struct TreeFolder {
     home: PathBuf,
+    /// Memory for the meshes that are found.
+    limit: u64,
+    /// Contents with the frames of their tiles, and whether they were meshes: each counts once.
+    known: HashMap<(PathBuf, [u64; 16], u8), bool>,
     pub(super) set: InputSet,
 }
 
 impl TreeFolder {
     /// The folder of the first file of a tree.
-    pub(super) fn of(path: &Path) -> Result<TreeFolder> {
+    pub(super) fn of(path: &Path, limit: u64) -> Result<TreeFolder> {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         let folder = folder.unwrap_or(Path::new("."));
         let home = folder.canonicalize().map_err(|e| Error::reading(folder, "cannot read", e))?;
-        Ok(TreeFolder { home, set: InputSet::default() })
+        Ok(TreeFolder { home, limit, known: HashMap::new(), set: InputSet::default() })
     }
 
     /// Adds a mesh; returns whether it was one.
@@ -31,7 +40,17 @@ impl TreeFolder {
             let what = format!("more than {MOST_PARTS} meshes in a tree; give a part of it");
             return Err(Error::bad_input(path, what));
         }
-        add_content(path, at, &mut self.set)
+        let n_known = (self.known.len() + self.set.repeated.len()) as u64;
+        let what = "the list of the meshes of this tree of tiles";
+        hold(path, what, TREE_PART_BYTES * n_known, self.limit)?;
+        let key = (path.to_path_buf(), at.map.map(f64::to_bits), at.up as u8);
+        if let Some(&is_mesh) = self.known.get(&key) {
+            self.set.repeated.push(key.0);
+            return Ok(is_mesh);
+        }
+        let is_mesh = add_content(path, at, &mut self.set)?;
+        self.known.insert(key, is_mesh);
+        Ok(is_mesh)
     }
 
     /// The file that an address in `file` leads to. Refuses what lies outside of the tree's folder or is not there.

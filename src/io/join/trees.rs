@@ -5,15 +5,14 @@
 
 use super::contents::{PACKED, TileFrame, UpAxis, begins_with_json, first_bytes};
 use super::implicit::{self, Implicit};
+use super::inputs::hold;
 use super::tree_folder::TreeFolder;
 use super::{InputSet, affine};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use std::path::{Path, PathBuf};
-use stonecut_system::disk::read_regular;
+use stonecut_system::disk::{open_input, read_regular};
 use stonecut_system::error::{Error, Result};
-use stonecut_system::memory::{budget_bytes, limit_bytes};
-use stonecut_system::units::show_bytes;
 
 /// Bytes of a JSON file at most.
 const MOST_JSON_BYTES: u64 = 1 << 30;
@@ -81,10 +80,9 @@ impl Content {
 /// The finest tiles of the tree that a `tileset.json` describes, each with the map to where the tree stands.
 ///
 /// Errors: `BadInput` for what is not such a tree, circles, files that are missing, lie elsewhere or are not regular;
-/// `NoMemory` for JSON that does not fit.
-pub(super) fn parts_of(path: &Path) -> Result<InputSet> {
-    let files = TreeFolder::of(path)?;
-    let mut walk = Walk { files, limit: budget_bytes(None, limit_bytes()) / 4, open: Vec::new() };
+/// `NoMemory` for JSON or meshes that take more than `limit` bytes.
+pub(super) fn parts_of(path: &Path, limit: u64) -> Result<InputSet> {
+    let mut walk = Walk { files: TreeFolder::of(path, limit)?, limit, open: Vec::new() };
     walk.file(path, &affine::NONE, true)?;
     let set = walk.files.set;
     if set.parts.is_empty() {
@@ -140,22 +138,18 @@ impl Walk {
 
     /// Reads a file of JSON that fits into memory.
     fn read(&self, path: &Path) -> Result<Vec<u8>> {
-        let text = read_regular(path, MOST_JSON_BYTES.min(self.limit))
+        let n_bytes =
+            open_input(path)?.metadata().map_err(|e| Error::reading(path, "cannot read", e))?.len();
+        // What its objects come to is not known before it is read.
+        hold(path, "the JSON of this tree of tiles", 3 * n_bytes, self.limit)?;
+        let text = read_regular(path, MOST_JSON_BYTES)
             .map_err(|e| Error::reading(path, "cannot read", e))?;
         if text.starts_with(&[0x1f, 0x8b]) {
             return Err(Error::bad_input(path, PACKED));
         }
         let objects = text.iter().filter(|&&byte| byte == b'{').count() as u64;
         let needed = 3 * text.len() as u64 + OBJECT_BYTES * objects;
-        if needed > self.limit {
-            return Err(Error::NoMemory(format!(
-                "{}: this file of a tree comes to {} of memory, more than the {} that there is for it; cut the tree into \
-                 files (npx 3d-tiles-tools)",
-                path.display(),
-                show_bytes(needed),
-                show_bytes(self.limit)
-            )));
-        }
+        hold(path, "the JSON of this tree of tiles", needed, self.limit)?;
         Ok(text)
     }
 
@@ -261,13 +255,13 @@ mod tests {
 
     /// Names of the parts, and where each has the point 1, 2, 3.
     fn parts(folder: &tempfile::TempDir) -> Vec<(String, [f64; 3])> {
-        let set = parts_of(&folder.path().join("tileset.json")).unwrap();
+        let set = parts_of(&folder.path().join("tileset.json"), 64 << 20).unwrap();
         let name = |path: &Path| path.strip_prefix(folder.path()).unwrap().display().to_string();
         set.parts.iter().map(|p| (name(&p.path), p.placing.point([1.0, 2.0, 3.0]))).collect()
     }
 
     fn refusal(folder: &tempfile::TempDir) -> String {
-        parts_of(&folder.path().join("tileset.json")).unwrap_err().to_string()
+        parts_of(&folder.path().join("tileset.json"), 64 << 20).unwrap_err().to_string()
     }
 
     #[test]
@@ -304,7 +298,7 @@ mod tests {
                 ("b.glb".to_owned(), [201.0, -3.0, 2.0]),
             ]
         );
-        let set = parts_of(&folder.path().join("tileset.json")).unwrap();
+        let set = parts_of(&folder.path().join("tileset.json"), 64 << 20).unwrap();
         assert_eq!(set.parts[1].bytes, Some(28 + 42 + 2..28 + 42 + 2 + glb().len() as u64));
         assert_eq!(set.found_in.len(), 2);
         assert!(set.losses.lines()[0].contains("tables of batches"), "{:?}", set.losses.lines());
@@ -324,7 +318,7 @@ mod tests {
             "root": {"content": {"uri": "all.cmpt"}}});
         let folder = tree(&[("tileset.json", text.to_string().into()), ("all.cmpt", composite)]);
         assert_eq!(parts(&folder), [("all.cmpt".to_owned(), [1.0, 2.0, 3.0])]);
-        let set = parts_of(&folder.path().join("tileset.json")).unwrap();
+        let set = parts_of(&folder.path().join("tileset.json"), 64 << 20).unwrap();
         assert!(set.losses.lines()[0].contains("pnts"), "{:?}", set.losses.lines());
     }
 
