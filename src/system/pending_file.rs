@@ -158,6 +158,19 @@ pub fn refuse_irregular(path: &Path) -> Result<()> {
     }
 }
 
+/// Refuses a folder for files that go with an output where it is a link: they would come to lie elsewhere.
+pub fn refuse_linked(folder: &Path) -> Result<()> {
+    match std::fs::symlink_metadata(folder) {
+        Ok(meta) if !meta.is_dir() => Err(Error::Usage(format!(
+            "{}: this is {}; files that go with OUTPUT are written into a folder of this name: move it, or give OUTPUT \
+             another name",
+            folder.display(),
+            kind_of(meta.file_type())
+        ))),
+        _ => Ok(()),
+    }
+}
+
 enum Out {
     File(DiskFile),
     Stdout(File),

@@ -272,6 +272,34 @@ fn special_files_in_a_tree_are_refused_by_name() {
     expect(at, "extract t x.ply --max-error 0 -q", 0);
 }
 
+/// Libraries beside a mesh that are no files, and a folder of images that leads elsewhere.
+#[test]
+fn libraries_that_are_no_files_and_linked_folders() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let text = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n";
+    std::fs::write(at.join("m.obj"), text).unwrap();
+    assert!(Command::new("mkfifo").arg(at.join("m.mtl")).status().unwrap().success());
+    for command in ["info m.obj", "convert m.obj o.glb --force"] {
+        let (code, said) = ends(at, command);
+        assert!(code.is_some(), "{command}: {said}");
+    }
+    std::fs::remove_file(at.join("m.mtl")).unwrap();
+    symlink("/dev/zero", at.join("m.mtl")).unwrap();
+    let (code, said) = ends(at, "info m.obj");
+    assert!(code.is_some(), "{said}");
+    std::fs::remove_file(at.join("m.mtl")).unwrap();
+    std::fs::write(at.join("m.mtl"), "newmtl a\nmap_Kd q.png\n").unwrap();
+    let image = stonecut::render::Picture { width: 2, height: 2, rgb: vec![90; 12] };
+    std::fs::write(at.join("q.png"), image.to_png().unwrap()).unwrap();
+    std::fs::create_dir_all(at.join("theirs")).unwrap();
+    std::fs::create_dir_all(at.join("out")).unwrap();
+    symlink("../theirs", at.join("out/o_textures")).unwrap();
+    let said = expect(at, "convert m.obj out/o.obj", 2);
+    assert!(said.contains("out/o_textures") && said.contains("symbolic link"), "{said}");
+    assert!(std::fs::read_dir(at.join("theirs")).unwrap().next().is_none());
+}
+
 /// Files that appear while standard input is read, for as long as somebody takes to write it.
 #[test]
 fn what_appears_while_the_input_comes_in_is_not_replaced() {

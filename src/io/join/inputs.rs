@@ -4,6 +4,7 @@
 //! as numbers. Nothing is opened here but folders and lists.
 
 use super::contents::{TileFrame, UpAxis, add_content};
+use super::limits::{LIST_SHARE, PART_BYTES, hold};
 use super::{InputSet, MeshPart, affine, trees};
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -15,16 +16,11 @@ use stonecut_system::disk::{open_input, read_regular};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::memory::{budget_bytes, limit_bytes};
 use stonecut_system::paths::{Paths, Role};
-use stonecut_system::units::{memory_word, show_bytes};
 
 /// Endings of mesh files, as they are looked for in folders.
 const ENDINGS: [&str; 6] = ["ply", "stl", "obj", "glb", "gltf", "b3dm"];
 /// Bytes of a list at most.
 const MOST_LIST_BYTES: u64 = 64 << 20;
-/// The share of the memory that lists and trees of tiles may take.
-const LIST_SHARE: u64 = 4;
-/// Bytes of a part of a mesh before it is opened, beside its name.
-pub(super) const PART_BYTES: u64 = 512;
 /// Folders in folders that are looked into.
 const MOST_DEPTH: usize = 8;
 
@@ -41,15 +37,6 @@ pub struct InputPaths {
 /// The set of some paths once it was looked up: a run has one, whatever happens to folders meanwhile.
 #[derive(Clone, Debug, Default)]
 struct Found(Arc<OnceLock<InputSet>>);
-
-/// Paths are equal by what was typed.
-impl PartialEq for Found {
-    fn eq(&self, _: &Found) -> bool {
-        true
-    }
-}
-
-impl Eq for Found {}
 
 impl InputPaths {
     /// Several paths; at least one.
@@ -199,19 +186,6 @@ fn is_tile(path: &Path) -> bool {
 /// The full path where links are followed; as typed where nothing is there.
 fn full(path: &Path) -> PathBuf {
     std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
-}
-
-/// Refuses a list or a tree that takes more memory than there is for it; names the memory that does.
-pub(super) fn hold(path: &Path, what: &str, needed: u64, limit: u64) -> Result<()> {
-    if needed <= limit {
-        return Ok(());
-    }
-    Err(Error::NoMemory(format!(
-        "{}: {what} takes up to {} of memory, and 1/{LIST_SHARE} of the budget is for it: give --memory {}",
-        path.display(),
-        show_bytes(needed),
-        memory_word(needed.saturating_mul(LIST_SHARE))
-    )))
 }
 
 /// Adds what a path names; `limit` is the memory for lists and trees.
@@ -402,6 +376,7 @@ impl<T: AsRef<std::ffi::OsStr> + ?Sized> From<&T> for InputPaths {
     }
 }
 
+/// Paths are equal by what was typed.
 impl PartialEq for InputPaths {
     fn eq(&self, other: &InputPaths) -> bool {
         self.given == other.given

@@ -6,6 +6,7 @@ mod affine;
 mod contents;
 mod implicit;
 mod inputs;
+mod limits;
 mod looks;
 mod schemas;
 mod sizes;

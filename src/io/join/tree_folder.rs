@@ -2,7 +2,7 @@
 
 use super::InputSet;
 use super::contents::{TileFrame, add_content};
-use super::inputs::{PART_BYTES, hold};
+use super::limits::{PART_BYTES, hold};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use stonecut_system::error::{Error, Result};

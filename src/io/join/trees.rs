@@ -5,7 +5,7 @@
 
 use super::contents::{PACKED, TileFrame, UpAxis, begins_with_json, first_bytes};
 use super::implicit::{self, Implicit};
-use super::inputs::hold;
+use super::limits::hold;
 use super::tree_folder::TreeFolder;
 use super::{InputSet, affine};
 use serde::Deserialize;

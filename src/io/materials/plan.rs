@@ -10,10 +10,10 @@ use crate::output_format::OutputKind;
 use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
-use stonecut_system::disk::folder_of;
+use stonecut_system::disk::{folder_of, open_input};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Ledger, Loss, LossKind};
-use stonecut_system::pending_file::{Seen, refuse_irregular};
+use stonecut_system::pending_file::{Seen, refuse_irregular, refuse_linked};
 
 /// Treatment of images, as `--textures` says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -222,6 +222,9 @@ impl TexturePlan {
             return Ok(());
         }
         let folder = format!("{}_textures", stem(request.output));
+        if !pending.is_empty() {
+            refuse_linked(&folder_of(request.output).join(&folder))?;
+        }
         let mut next = HashMap::new();
         for (number, facts) in pending {
             let image = &materials.images[number];
@@ -417,8 +420,8 @@ fn is_stream(path: &Path) -> bool {
 fn is_own_library(path: &Path) -> bool {
     use std::io::Read;
     let mut head = vec![0; mtl_text::first_line().len().min(10)];
-    let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut head));
-    read.is_ok() && mtl_text::first_line().as_bytes().starts_with(&head)
+    let read = open_input(path).is_ok_and(|mut file| file.read_exact(&mut head).is_ok());
+    read && mtl_text::first_line().as_bytes().starts_with(&head)
 }
 
 /// The output's name without ending, without blanks, which many readers of materials take for an end.

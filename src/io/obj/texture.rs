@@ -14,7 +14,7 @@ use crate::ply::raw::{RawFile, Spool};
 use crate::text_lines::{not_a_number, parse_number, parse_whole};
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
-use stonecut_system::disk::folder_of;
+use stonecut_system::disk::{folder_of, read_regular};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Loss, LossKind};
 use stonecut_system::units::show_bytes;
@@ -251,7 +251,7 @@ impl Libraries<'_> {
         known: &mut [bool],
         out: &mut Materials,
     ) {
-        match std::fs::read(path) {
+        match read_regular(path, self.parse_bytes.max(MIN_LIBRARY_BYTES)) {
             Ok(text) => {
                 self.images.set_folders(&[folder_of(path), folder_of(self.obj)]);
                 let text = encodings::text_of_file(text);

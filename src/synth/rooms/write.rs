@@ -14,6 +14,7 @@ use stonecut_io::materials::{Materials, TexturePlan};
 use stonecut_io::ply::{FaceSchema, OutputHeader, Place, TexturedTriangle};
 use stonecut_io::{MeshSink, OutputFormat, OutputKind};
 use stonecut_mesh::property::{Property, Scalar};
+use stonecut_system::disk::open_input;
 use stonecut_system::error::{Error, Result};
 use stonecut_system::parallel::in_order;
 use stonecut_system::pending_file::{refuse_irregular, write_whole};
@@ -75,11 +76,10 @@ fn check(rooms: &Rooms, files: &[PathBuf], force: bool) -> Result<()> {
 
 /// Returns whether a file names this program near its beginning, as its images and libraries do; `None` without a file.
 fn is_ours(file: &Path) -> Option<bool> {
-    let opened = match std::fs::File::open(file) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return None,
-        Err(_) => return Some(false),
-        Ok(opened) => opened,
-    };
+    if std::fs::metadata(file).is_err_and(|e| e.kind() == std::io::ErrorKind::NotFound) {
+        return None;
+    }
+    let Ok(opened) = open_input(file) else { return Some(false) };
     let mut start = Vec::new();
     let is_read = opened.take(1024).read_to_end(&mut start).is_ok();
     Some(is_read && start.windows(8).any(|word| word == b"stonecut"))
