@@ -10,8 +10,8 @@ use super::method::MethodName;
 use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::io::ply::Place;
-use crate::render::{Resources, View, hold};
-use crate::report::{Absent, Contender, comparison_html};
+use crate::render::Resources;
+use crate::report::{Absent, Contender, comparison_html, hold, hold_pictures};
 use crate::store::job::is_in_job;
 use crate::system::disk::{Disk, folder_of, is_empty, open_input, read_own};
 use crate::system::paths::{Paths, Role};
@@ -91,7 +91,9 @@ fn make(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
         threads: threads(args.threads).get(),
     };
     // The page would fail over its pictures after all the work.
-    hold(&View { width: 800, height: 600, ..View::default() }, pictures)?;
+    let of_images = super::arguments::open_mesh(&args.input, folder_of(&args.output), args.memory)
+        .and_then(|source| hold_pictures([&source], pictures));
+    Error::first_of([hold(pictures), of_images])?;
     let folder = args.folder();
     let disk = Disk::default();
     if !disk.own_dir(&folder)? && !is_empty(&folder) {

@@ -75,7 +75,10 @@ fn write_page(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     };
     let material = Material {
         progressive,
-        report: read(&args.report, memory_bytes)?,
+        report: read(&args.report, memory_bytes).or_else(|error| {
+            Err(Error::first_of([Err(error), report::hold(resources)])
+                .expect_err("the first is an error"))
+        })?,
         measured: args.measured.as_deref().map(|path| read(path, memory_bytes)).transpose()?,
         temp_dir: folder_of(&args.output).to_path_buf(),
         resources,

@@ -11,10 +11,11 @@ use super::skin::Skins;
 use super::vector::smoothstep;
 use super::vertices::{PlacedVertex, Vertices, vertex_bytes};
 use super::view::{Aim, Direction, Lighting, Resources, Sphere, View, per_pixel};
-use stonecut_io::ply::FaceLook;
+use stonecut_io::ply::{BLOCK_ROWS, FaceLook};
 use stonecut_mesh::vec3::unit;
 use stonecut_mesh::vec3::{Vec3, add, dot, normal, scale};
 use stonecut_system::error::{Error, Result};
+use stonecut_system::losses::Loss;
 use stonecut_system::parallel::in_order;
 use stonecut_system::progress::Progress;
 use stonecut_system::units::{memory_word, show_bytes};
@@ -137,10 +138,18 @@ pub(super) fn draw(
         Frame::new(view.width as usize * per_pixel, view.height as usize * per_pixel, &camera);
     let mut vertices = Vertices::new(scene, &camera, budget, threads, progress)?;
     let smooth_bytes = scene.n_vertices().saturating_mul(vertex_bytes(scene.is_colored(), true));
-    let smooth = view.smooth && scene.n_triangles() <= MOST_SMOOTH_FACES && smooth_bytes <= budget;
-    if smooth && vertices.all_held() {
+    let is_smooth = view.smooth && scene.n_triangles() <= MOST_SMOOTH_FACES;
+    if is_smooth && smooth_bytes <= budget && vertices.all_held() {
         let by_area = skins.is_some_and(Skins::has_normal_maps);
         vertices.normals = vertex_normals(scene, &mut vertices, by_area, threads, progress)?;
+    } else if is_smooth && !scene.has_normals() {
+        let whole_blocks = scene.n_point_blocks() * BLOCK_ROWS;
+        let needed = whole_blocks.saturating_mul(vertex_bytes(scene.is_colored(), true));
+        progress.lose(Loss::remark(format!(
+            "faces are shaded flat: normals for smooth shading take {}, more than there is left of the memory; give --memory {}",
+            show_bytes(needed),
+            memory_word(resources.memory_bytes + needed.saturating_sub(budget))
+        )));
     }
     let style = Style {
         line: if view.edges { 0.5 * LINE_WIDTH * per_pixel as f32 } else { 0.0 },

@@ -11,14 +11,14 @@ mod slider;
 pub use comparison::{Absent, Contender, html as comparison_html};
 pub use slider::{Slider, slider_html};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::io::ply::{MeshSource, OutputHeader};
 use crate::io::{GlbWriter, StageOptions};
 use crate::measure::load;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::property::{Origin, Property, REACH, Scalar};
 use crate::mesh::record::VertexSchema;
-use crate::render::{Coloring, Resources, Scale, Sphere, View, has_images, top_of};
+use crate::render::{Coloring, Resources, Scale, Sphere, View, has_images, hold_images, top_of};
 use crate::system::json_keys::is_old_name;
 use crate::system::progress::Progress;
 use crate::system::units::show_outward;
@@ -69,8 +69,19 @@ pub fn html(material: &Material, progress: &Progress) -> Result<String> {
     );
     let stage = StageOptions::new(material.temp_dir.clone());
     let stage = stage.within(material.resources.memory_bytes);
-    let open = |name: String| MeshSource::open_staged(Path::new(&name), &stage).ok();
-    let sources = names.map(|name| name.and_then(open));
+    let open = |name: &Option<String>| -> Result<Option<MeshSource>> {
+        let Some(name) = name else { return Ok(None) };
+        match MeshSource::open_staged(Path::new(name), &stage) {
+            Err(error @ Error::NoMemory(_)) => {
+                Error::first_of([Err(error), hold(material.resources)]).map(|()| None)
+            }
+            opened => Ok(opened.ok()),
+        }
+    };
+    let sources = [open(&names[0])?, open(&names[1])?];
+    if let [Some(_), Some(_)] = &sources {
+        hold_pictures(sources.iter().flatten(), material.resources)?;
+    }
     let mut views = views(report, deviation);
     let rest = views.split_off(1);
     if let [Some(original), Some(simplified)] = &sources {
@@ -245,6 +256,19 @@ fn seam_position(report: &Value) -> &Value {
 /// Refuses the pictures of a page where the memory does not hold one; names the memory that does.
 pub fn hold(resources: Resources) -> Result<()> {
     crate::render::hold(&View { width: 800, height: 600, ..View::default() }, resources)
+}
+
+/// The same with the images of meshes, before the first picture is drawn.
+pub fn hold_pictures<'a>(
+    sources: impl IntoIterator<Item = &'a MeshSource>,
+    resources: Resources,
+) -> Result<()> {
+    let held = |source: &'a MeshSource| {
+        let coloring = if has_images(source) { Coloring::Texture } else { Coloring::Plain };
+        let view = View { width: 800, height: 600, coloring, ..View::default() };
+        hold_images(source, &view, resources)
+    };
+    Error::first_of(sources.into_iter().map(held))
 }
 
 /// Chooses the views of both meshes: the whole, and close-ups at the worst place and at a seam.

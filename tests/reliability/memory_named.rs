@@ -155,6 +155,36 @@ fn lists_and_trees_of_others_take_a_share_of_the_memory() {
     assert!(said.contains("t/tileset.json"), "{said}");
 }
 
+/// The first refusal of a page of pictures counts the images of all its meshes; a picture without smooth shading says so.
+#[test]
+fn the_first_size_of_a_page_counts_normal_maps() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for (name, side) in [("a", 200u32), ("b", 1500)] {
+        let rgb = vec![128; 3 * (side * side) as usize];
+        let image = stonecut::render::Picture { width: side, height: side, rgb };
+        std::fs::write(at.join(format!("{name}.png")), image.to_png().unwrap()).unwrap();
+        std::fs::write(at.join(format!("{name}.mtl")), format!("newmtl m\nnorm {name}.png\n"))
+            .unwrap();
+        let mut text = format!("mtllib {name}.mtl\nusemtl m\n");
+        text += "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n";
+        text += "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n";
+        std::fs::write(at.join(format!("{name}.obj")), text).unwrap();
+    }
+    let path = |name: &str| at.join(name).display().to_string();
+    let report = format!(
+        r#"{{"input":{{"path":"{}"}},"output":{{"path":"{}"}}}}"#,
+        path("a.obj"),
+        path("b.obj")
+    );
+    std::fs::write(at.join("r.json"), report).unwrap();
+    is_enough(at, "report r.json -o r.html --force", "100MiB");
+    is_enough(at, "compare cluster b.obj --ratio 50% -o c.html --samples 1k --force", "100MiB");
+    expect(at, "synth statue in.ply --triangles 4000", 0);
+    let said = expect(at, "render in.ply -o p.png --size 60x40 --memory 40MiB", 0);
+    assert!(said.contains("smooth shading"), "{said}");
+}
+
 #[test]
 fn a_library_of_materials_beyond_the_memory_is_refused_with_a_size_that_does() {
     let folder = tempfile::tempdir().unwrap();
