@@ -11,17 +11,18 @@ use super::converted::{hold, plan, say, write_report};
 pub use super::inputs::InOut;
 use super::log::{Said, Show};
 use super::session::{Command, Session};
+use super::split;
+use super::used::Used;
 use crate::error::{Error, Offers, Result};
 use crate::io::ply::{
     FaceBlock, FaceSchema, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle,
-    VertexBlock,
 };
 use crate::io::{
     DuplicateFinder, Duplicates, MeshSink, NameUse, OutputFormat, StageOptions, TextureMode,
     TexturePlan, TextureRequest, Weld, WeldOptions, check_range,
 };
 use crate::system::disk::folder_of;
-use crate::system::losses::{Loss, LossKind};
+use crate::system::losses::{Ledger, Loss, LossKind};
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
@@ -69,6 +70,10 @@ pub struct Args {
     /// distance in input units. Only open edges are joined [default: off; auto between several files].
     #[arg(long, value_name = "WHAT")]
     pub weld: Option<Weld>,
+    /// One file for each label of faces, whose place in the name of OUTPUT is {label}: label (left and right of a face, or label,
+    /// region, material, segment), or the name of a property. Each region of left and right is closed and faces outward.
+    #[arg(long, value_name = "PROPERTY")]
+    pub split: Option<String>,
     /// Folder for temporary data [default: the output's folder].
     #[arg(long, value_name = "DIR")]
     pub temp_dir: Option<PathBuf>,
@@ -83,6 +88,7 @@ pub struct Args {
 impl Command for Args {
     fn paths(&self) -> Result<Paths> {
         self.format.check(&self.paths.output)?;
+        split::check(self)?;
         Ok(self
             .paths
             .input
@@ -123,13 +129,13 @@ pub fn convert(args: &Args) -> Result<Converted> {
 }
 
 /// An input that is open, and what was decided about it.
-struct Ready {
-    source: MeshSource,
-    texture: bool,
+pub(super) struct Ready {
+    pub(super) source: MeshSource,
+    pub(super) texture: bool,
     textures: Option<TexturePlan>,
-    temp_dir: PathBuf,
-    memory_bytes: u64,
-    recentres: bool,
+    pub(super) temp_dir: PathBuf,
+    pub(super) memory_bytes: u64,
+    pub(super) recentres: bool,
 }
 
 fn open(args: &Args) -> Result<Ready> {
@@ -169,6 +175,9 @@ impl Ready {
     }
 
     fn convert(self, args: &Args, progress: &Progress) -> Result<Converted> {
+        if let Some(property) = &args.split {
+            return split::split(&self, args, property, progress);
+        }
         let Ready { source, texture, textures, temp_dir, memory_bytes, recentres } = self;
         // Above 2^32 vertices no output can be written, so there is nothing to look for.
         let look = !args.keep_duplicates && source.n_vertices() <= 1 << 32;
@@ -197,12 +206,7 @@ impl Ready {
             );
             return Err(Error::bad_input(&*args.paths.input, what));
         }
-        done.losses = source.losses();
-        source.remarks()?.into_iter().for_each(|remark| done.losses.lose(remark));
-        if let Some([x, y, z]) = source.offset().filter(|_| recentres) {
-            let why = format!("{x} {y} {z} was subtracted from all coordinates");
-            done.losses.lose(Loss::new(LossKind::Precision, "places", why).notice());
-        }
+        done.losses = losses(&source, recentres)?;
         let input = ConvertInput {
             source: &source,
             duplicates: &duplicates,
@@ -216,6 +220,17 @@ impl Ready {
         done.n_bad += faults.missing_faces + faults.missing_vertices + faults.bad_faces;
         Ok(done)
     }
+}
+
+/// Parts of the input that no output has, and remarks.
+pub(super) fn losses(source: &MeshSource, recentres: bool) -> Result<Ledger> {
+    let mut losses = source.losses();
+    source.remarks()?.into_iter().for_each(|remark| losses.lose(remark));
+    if let Some([x, y, z]) = source.offset().filter(|_| recentres) {
+        let why = format!("{x} {y} {z} was subtracted from all coordinates");
+        losses.lose(Loss::new(LossKind::Precision, "places", why).notice());
+    }
+    Ok(losses)
 }
 
 /// Looks at every image and decides what becomes of it.
@@ -241,36 +256,11 @@ struct ConvertInput<'a> {
 const MOST_SORT_BYTES: u64 = 64 << 20;
 
 /// Memory for one of the sorts, of which there are at most three at a time.
-fn sort_bytes(memory_bytes: u64) -> usize {
+pub(super) fn sort_bytes(memory_bytes: u64) -> usize {
     (memory_bytes / 8).min(MOST_SORT_BYTES) as usize
 }
 
-/// The vertices that the output has, and their new ids.
-struct Used {
-    /// A bit a vertex.
-    bits: Vec<u64>,
-    /// Vertices used before each group of 512.
-    before: Vec<u64>,
-    n_vertices: u64,
-}
-
-const GROUP_WORDS: usize = 8;
-
 impl Used {
-    fn none(n_vertices: u64) -> Self {
-        let words = n_vertices.div_ceil(64) as usize;
-        Used { bits: vec![0; words], before: Vec::new(), n_vertices }
-    }
-
-    fn all(n_vertices: u64) -> Self {
-        let mut used = Self::none(n_vertices);
-        used.bits.fill(u64::MAX);
-        if let Some(last) = used.bits.last_mut().filter(|_| !n_vertices.is_multiple_of(64)) {
-            *last = (1 << (n_vertices % 64)) - 1;
-        }
-        used
-    }
-
     /// The first pass over the faces.
     fn survey(
         &mut self,
@@ -291,34 +281,11 @@ impl Used {
             if let Some(finder) = finder.as_deref_mut() {
                 block.triangles.iter().try_for_each(|&t| finder.push(t))?;
             }
-            for &vertex in block.triangles.as_flattened() {
-                self.bits[(vertex / 64) as usize] |= 1 << (vertex % 64);
-            }
+            block.triangles.as_flattened().iter().for_each(|&vertex| self.mark(vertex));
         }
-        let mut sum = 0;
-        for group in self.bits.chunks(GROUP_WORDS) {
-            self.before.push(sum);
-            sum += group.iter().map(|word| u64::from(word.count_ones())).sum::<u64>();
-        }
-        done.n_vertices = sum;
-        done.n_unreferenced = self.n_vertices - sum;
+        done.n_vertices = self.count();
+        done.n_unreferenced = self.n_vertices - done.n_vertices;
         Ok(())
-    }
-
-    fn contains(&self, vertex: u64) -> bool {
-        self.bits[(vertex / 64) as usize] >> (vertex % 64) & 1 == 1
-    }
-
-    /// The id that a used vertex has in the output.
-    fn new_id(&self, vertex: u64) -> u64 {
-        let word = (vertex / 64) as usize;
-        let group = word / GROUP_WORDS;
-        let whole: u64 = self.bits[group * GROUP_WORDS..word]
-            .iter()
-            .map(|word| u64::from(word.count_ones()))
-            .sum();
-        let below = self.bits[word] & ((1u64 << (vertex % 64)) - 1);
-        self.before[group] + whole + u64::from(below.count_ones())
     }
 
     fn write(
@@ -341,29 +308,14 @@ impl Used {
         let place = Place { replace: args.force, ..Place::from(&args.paths.output) };
         let mut sink = MeshSink::create(place, header, args.format)?;
         let all = done.n_unreferenced == 0;
-        let mut block = VertexBlock::default();
-        let mut kept = Vec::new();
         progress.begin("convert", 2, 2, done.n_triangles);
         // Vertices are half of it.
         let half = done.n_triangles / 2;
         let n_blocks = source.n_vertex_blocks().max(1);
-        for i in 0..source.n_vertex_blocks() {
+        self.write_vertices(source, all, &mut sink, || {
             progress.add(half / n_blocks);
-            progress.check()?;
-            source.read_vertices(i, &mut block)?;
-            if all {
-                sink.write_vertices(&block.records)?;
-                continue;
-            }
-            kept.clear();
-            let records = block.records.chunks_exact(source.schema().record_bytes());
-            for (vertex, record) in (block.first..).zip(records) {
-                if self.contains(vertex) {
-                    kept.extend_from_slice(record);
-                }
-            }
-            sink.write_vertices(&kept)?;
-        }
+            progress.check()
+        })?;
         if is_full {
             return self.write_full_faces(input, sink, done, progress);
         }

@@ -9,7 +9,7 @@ use crate::system::losses::Ledger;
 use crate::system::pending_file::Seen;
 use crate::system::units::{show_bytes, show_count};
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Result of a conversion.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -34,6 +34,23 @@ pub struct Converted {
     pub losses: Ledger,
     /// Length of the output.
     pub n_bytes: u64,
+    /// Files of `--split`, whose sums the other counts are.
+    pub files: Vec<SplitFile>,
+}
+
+/// One file of `--split`.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct SplitFile {
+    /// Label of its faces.
+    pub label: i64,
+    /// Place of the file.
+    pub path: PathBuf,
+    /// Vertices written.
+    pub vertices: u64,
+    /// Triangles written.
+    pub triangles: u64,
+    /// Length of the file.
+    pub bytes: u64,
 }
 
 impl Converted {
@@ -66,8 +83,12 @@ pub(super) fn say(output: &Path, done: &Converted, log: &mut Said) {
     // A closed standard error is not a reason to fail: the mesh is there.
     let _ = writeln!(
         log,
-        "{}: {} vertices, {} triangles, {}",
+        "{}: {}{} vertices, {} triangles, {}",
         output.display(),
+        match done.files.len() {
+            0 => String::new(),
+            n => format!("{n} files, "),
+        },
         done.n_vertices,
         done.n_triangles,
         show_bytes(done.n_bytes)
@@ -142,6 +163,9 @@ pub(super) fn write_report(
     });
     if !done.inputs.is_empty() {
         report["inputs"] = serde_json::json!(done.inputs);
+    }
+    if !done.files.is_empty() {
+        report["output"]["files"] = serde_json::json!(done.files);
     }
     if let Some(weld) = &done.weld {
         report["input"]["weld"] = serde_json::json!(weld);

@@ -35,10 +35,12 @@ mod serve;
 mod session;
 mod signals;
 mod simplify;
+mod split;
 mod status;
 mod synth;
 mod terminal;
 mod tiles;
+mod used;
 mod verify;
 mod work;
 

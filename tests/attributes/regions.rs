@@ -1,11 +1,12 @@
-//! Regions of faces with labels: counted by `info --check`.
+//! Regions of faces with labels: counted by `info --check`, split by `convert`.
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{count, expect, run};
+use crate::common::{count, expect, json, run};
+use std::path::Path;
 
 /// `info --check --json` with further options.
-fn info(at: &std::path::Path, arguments: &str) -> serde_json::Value {
+fn info(at: &Path, arguments: &str) -> serde_json::Value {
     let output = run(at, &format!("info --check --json {arguments}"));
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()
@@ -58,4 +59,77 @@ fn a_region_that_is_open_has_its_open_edges_counted() {
     let said = String::from_utf8(run(at, "info --check two.ply").stdout).unwrap();
     assert!(said.contains("5: volume 0.16666666666666666, 4 triangles, closed"), "{said}");
     assert!(said.contains("2 by label") && said.contains("3 triangles, 3 open edges"), "{said}");
+}
+
+/// Volume within a binary STL.
+fn volume(path: &Path) -> f64 {
+    let bytes = std::fs::read(path).unwrap();
+    let float = |at: usize| f64::from(f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()));
+    let volume = |at: usize| {
+        let [a, b, c] = [12, 24, 36].map(|k| [0, 4, 8].map(|i| float(at + k + i)));
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+            + a[1] * (b[2] * c[0] - b[0] * c[2])
+            + a[2] * (b[0] * c[1] - b[1] * c[0])
+    };
+    (84..bytes.len()).step_by(50).map(volume).sum::<f64>() / 6.0
+}
+
+#[test]
+fn a_foam_splits_into_closed_meshes_that_face_outward() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth foam f.ply --triangles 20k --shuffle", 0);
+    std::fs::create_dir(at.join("out")).unwrap();
+    expect(at, "convert f.ply out/cell-{label}.stl --split label --report r.json", 0);
+    let output = &json(at, "r.json")["output"];
+    let files = output["files"].as_array().unwrap();
+    let triangles = files.iter().map(|file| count(file, "triangles")).sum::<i64>();
+    assert_eq!(triangles, count(output, "triangles"));
+    assert_eq!(std::fs::read_dir(at.join("out")).unwrap().count(), files.len());
+    for (i, file) in files.iter().enumerate() {
+        assert_eq!(count(file, "label"), i as i64 + 1);
+        let name = format!("out/cell-{}.stl", i + 1);
+        assert_eq!(file["path"], name);
+        let found = info(at, &name);
+        let keys = ["boundary_edges", "non_manifold_edges", "inconsistent_edges", "components"];
+        assert_eq!(keys.map(|key| count(&found, key)), [0, 0, 0, 1], "{name}");
+        assert_eq!(count(&found, "triangles"), count(file, "triangles"));
+        assert!((volume(&at.join(&name)) / 4.0 - 1.0).abs() < 0.02, "{name}");
+    }
+    // The same through a small memory.
+    std::fs::create_dir(at.join("small")).unwrap();
+    expect(at, "convert f.ply small/cell-{label}.stl --split left --memory 32MiB", 0);
+    for file in files {
+        let name = file["path"].as_str().unwrap();
+        let [whole, small] = [name.to_owned(), name.replace("out/", "small/")]
+            .map(|name| std::fs::read(at.join(name)).unwrap());
+        assert!(whole == small, "{name}");
+    }
+}
+
+#[test]
+fn a_split_writes_nothing_unless_all_of_its_files_can_be_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("two.ply"), TWO).unwrap();
+    let said = expect(at, "convert two.ply out.ply --split label", 2);
+    assert!(said.contains("{label} once"), "{said}");
+    expect(at, "convert two.ply {label}/out.ply --split label", 2);
+    let said = expect(at, "convert two.ply {label}.ply --split colour", 2);
+    assert!(said.contains("properties of faces: label"), "{said}");
+    // One of the files is there, one is a folder, one is the input.
+    std::fs::write(at.join("5.ply"), TWO).unwrap();
+    expect(at, "convert two.ply {label}.ply --split label", 2);
+    let said = expect(at, "convert 5.ply {label}.ply --split label --force", 2);
+    assert!(said.contains("are the same file"), "{said}");
+    std::fs::create_dir(at.join("-3.obj")).unwrap();
+    expect(at, "convert two.ply {label}.obj --split label --force", 2);
+    let mut names: Vec<_> =
+        std::fs::read_dir(at).unwrap().map(|file| file.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["-3.obj", "5.ply", "two.ply"]);
+    // A label may be negative; common walls stand in both files.
+    expect(at, "convert two.ply part{label}.ply --split label", 0);
+    let triangles = ["part5.ply", "part-3.ply"].map(|name| count(&info(at, name), "triangles"));
+    assert_eq!(triangles, [4, 3]);
 }

@@ -664,6 +664,7 @@ def convert(
     transform: str | Iterable[float] | None = None,
     recentre: bool = False,
     weld: str | float | None = None,
+    split: str | None = None,
     memory: Size | None = None,
     temp_dir: PathLike | None = None,
     report: PathLike | None = None,
@@ -679,6 +680,7 @@ def convert(
         memory: budget, as ``"2GiB"`` or bytes; report: a file for the report.
         up, scale, translate, transform, recentre: place the mesh before everything else.
         weld: copies of vertices become one: ``"off"``, ``"auto"`` (within rounding) or a distance [off].
+        split: a file for each label of faces, ``"label"`` or the name of a property; ``output`` has ``{label}`` in its name.
 
     Returns the counts of what was written (``output``) and of what was dropped (``faults``)."""
     words = ["convert", path("input", input), path("output", output)]
@@ -697,6 +699,7 @@ def convert(
         transform=_joined(transform),
         recentre=recentre,
         weld=weld,
+        split=split,
         memory=memory,
     )
     words += [] if report is None else options(report=path("report", report))
