@@ -7,11 +7,11 @@
 
 use super::answer::CommandEnd;
 pub use super::converted::Converted;
-use super::converted::{hold, plan, say, write_report};
+use super::converted::{hold, plan, say, sort_bytes, write_report};
 pub use super::inputs::InOut;
 use super::log::{Said, Show};
 use super::session::{Command, Session};
-use super::split;
+use super::split::{self, Splitting};
 use super::used::Used;
 use crate::error::{Error, Offers, Result};
 use crate::io::ply::{
@@ -88,7 +88,9 @@ pub struct Args {
 impl Command for Args {
     fn paths(&self) -> Result<Paths> {
         self.format.check(&self.paths.output)?;
-        split::check(self)?;
+        if self.split.is_some() {
+            split::check(&self.paths.output)?;
+        }
         Ok(self
             .paths
             .input
@@ -129,13 +131,13 @@ pub fn convert(args: &Args) -> Result<Converted> {
 }
 
 /// An input that is open, and what was decided about it.
-pub(super) struct Ready {
-    pub(super) source: MeshSource,
-    pub(super) texture: bool,
+struct Ready {
+    source: MeshSource,
+    texture: bool,
     textures: Option<TexturePlan>,
-    pub(super) temp_dir: PathBuf,
-    pub(super) memory_bytes: u64,
-    pub(super) recentres: bool,
+    temp_dir: PathBuf,
+    memory_bytes: u64,
+    recentres: bool,
 }
 
 fn open(args: &Args) -> Result<Ready> {
@@ -176,7 +178,20 @@ impl Ready {
 
     fn convert(self, args: &Args, progress: &Progress) -> Result<Converted> {
         if let Some(property) = &args.split {
-            return split::split(&self, args, property, progress);
+            let how = Splitting {
+                source: &self.source,
+                input: &args.paths.input,
+                output: &args.paths.output,
+                property,
+                format: args.format,
+                force: args.force,
+                report: args.report.as_ref(),
+                temp_dir: &self.temp_dir,
+                memory_bytes: self.memory_bytes,
+                losses: losses(&self.source, self.recentres)?,
+                texture: self.texture,
+            };
+            return split::split(&how, progress);
         }
         let Ready { source, texture, textures, temp_dir, memory_bytes, recentres } = self;
         // Above 2^32 vertices no output can be written, so there is nothing to look for.
@@ -223,7 +238,7 @@ impl Ready {
 }
 
 /// Parts of the input that no output has, and remarks.
-pub(super) fn losses(source: &MeshSource, recentres: bool) -> Result<Ledger> {
+fn losses(source: &MeshSource, recentres: bool) -> Result<Ledger> {
     let mut losses = source.losses();
     source.remarks()?.into_iter().for_each(|remark| losses.lose(remark));
     if let Some([x, y, z]) = source.offset().filter(|_| recentres) {
@@ -250,14 +265,6 @@ struct ConvertInput<'a> {
     texture: bool,
     textures: Option<TexturePlan>,
     memory_bytes: u64,
-}
-
-/// More memory than this makes no sort of triangles faster.
-const MOST_SORT_BYTES: u64 = 64 << 20;
-
-/// Memory for one of the sorts, of which there are at most three at a time.
-pub(super) fn sort_bytes(memory_bytes: u64) -> usize {
-    (memory_bytes / 8).min(MOST_SORT_BYTES) as usize
 }
 
 impl Used {

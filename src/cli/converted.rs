@@ -78,6 +78,14 @@ pub(super) fn hold(source: &MeshSource, memory_bytes: u64) -> Result<()> {
     )))
 }
 
+/// More memory than this makes no sort of triangles faster.
+const MOST_SORT_BYTES: u64 = 64 << 20;
+
+/// Memory for one of the sorts, of which there are at most three at a time.
+pub(super) fn sort_bytes(memory_bytes: u64) -> usize {
+    (memory_bytes / 8).min(MOST_SORT_BYTES) as usize
+}
+
 /// Says what was done.
 pub(super) fn say(output: &Path, done: &Converted, log: &mut Said) {
     // A closed standard error is not a reason to fail: the mesh is there.

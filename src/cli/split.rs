@@ -5,18 +5,17 @@
 //! Memory: sorts, a bit and an eighth a vertex, and a spool of 16 MiB. Where a label's vertices lie all over the file, its blocks are
 //! read again for each label.
 
-use super::convert::{Args, Ready, losses, sort_bytes};
-use super::converted::{Converted, SplitFile};
+use super::converted::{Converted, SplitFile, sort_bytes};
 use super::used::Used;
 use crate::error::{Error, Result};
 use crate::io::ply::raw::Spool;
-use crate::io::ply::{OutputHeader, Place};
-use crate::io::{ExternalSort, FaceLabels, MeshSink, SIDES, halves};
-use crate::system::losses::{Loss, LossKind};
+use crate::io::ply::{MeshSource, OutputHeader, Place};
+use crate::io::{ExternalSort, FaceLabels, InputPaths, MeshSink, OutputFormat, SIDES, halves};
+use crate::system::losses::{Ledger, Loss, LossKind};
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::progress::Progress;
 use std::collections::HashMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Most files of one conversion.
 const MOST_FILES: usize = 4096;
@@ -29,27 +28,44 @@ const FACE_BYTES: usize = 12;
 /// Faces that are read back at a time.
 const CHUNK: usize = 1 << 16;
 
+/// An open input, and the words that were typed.
+pub(super) struct Splitting<'a> {
+    pub(super) source: &'a MeshSource,
+    pub(super) input: &'a InputPaths,
+    /// With the place for a label in its name.
+    pub(super) output: &'a Path,
+    pub(super) property: &'a str,
+    pub(super) format: OutputFormat,
+    pub(super) force: bool,
+    pub(super) report: Option<&'a PathBuf>,
+    pub(super) temp_dir: &'a Path,
+    pub(super) memory_bytes: u64,
+    /// Parts of the input that no output has.
+    pub(super) losses: Ledger,
+    /// True if faces have texture coordinates that were not given up.
+    pub(super) texture: bool,
+}
+
 /// Refuses an output without the one place for a label.
-pub(super) fn check(args: &Args) -> Result<()> {
-    let name = args.paths.output.file_name().unwrap_or_default().to_string_lossy();
-    let whole = args.paths.output.to_string_lossy();
-    if args.split.is_none() || [&name, &whole].map(|s| s.matches(MARK).count()) == [1, 1] {
+pub(super) fn check(output: &Path) -> Result<()> {
+    let name = output.file_name().unwrap_or_default().to_string_lossy();
+    let whole = output.to_string_lossy();
+    if [&name, &whole].map(|s| s.matches(MARK).count()) == [1, 1] {
         return Ok(());
     }
     Err(Error::Usage(format!(
         "{}: --split writes a file for each label; name OUTPUT with {MARK} once, as out/{MARK}.stl",
-        args.paths.output.display()
+        output.display()
     )))
 }
 
-fn path_of(args: &Args, label: i64) -> PathBuf {
-    let name = args.paths.output.file_name().unwrap_or_default().to_string_lossy();
-    args.paths.output.with_file_name(name.replace(MARK, &label.to_string()))
+fn path_of(output: &Path, label: i64) -> PathBuf {
+    let name = output.file_name().unwrap_or_default().to_string_lossy();
+    output.with_file_name(name.replace(MARK, &label.to_string()))
 }
 
 /// The labels that were asked for.
-fn labels_of(ready: &Ready, property: &str) -> Result<FaceLabels> {
-    let source = &ready.source;
+fn labels_of(source: &MeshSource, property: &str) -> Result<FaceLabels> {
     let typed = match SIDES.contains(&property) {
         true => FaceLabels::named(source, &SIDES),
         false => FaceLabels::named(source, &[property]),
@@ -65,15 +81,10 @@ fn labels_of(ready: &Ready, property: &str) -> Result<FaceLabels> {
 }
 
 /// Writes all labels.
-pub(super) fn split(
-    ready: &Ready,
-    args: &Args,
-    property: &str,
-    progress: &Progress,
-) -> Result<Converted> {
-    let source = &ready.source;
-    let labels = labels_of(ready, property)?;
-    if ready.texture {
+pub(super) fn split(how: &Splitting, progress: &Progress) -> Result<Converted> {
+    let Splitting { source, property, .. } = *how;
+    let labels = labels_of(source, property)?;
+    if how.texture {
         let what = "--split carries no texture coordinates; give --drop-texture to go without";
         return Err(Error::Usage(what.to_owned()));
     }
@@ -83,10 +94,10 @@ pub(super) fn split(
     let mut done = Converted {
         inputs: source.parts().to_vec(),
         weld: source.weld().cloned(),
-        losses: losses(source, ready.recentres)?,
+        losses: how.losses.clone(),
         ..Converted::default()
     };
-    let mut faces = ExternalSort::<6>::new(&ready.temp_dir, sort_bytes(ready.memory_bytes));
+    let mut faces = ExternalSort::<6>::new(how.temp_dir, sort_bytes(how.memory_bytes));
     let mut numbers: HashMap<i64, u32> = HashMap::new();
     let mut files: Vec<SplitFile> = Vec::new();
     let (mut at, mut n_within) = (0, 0);
@@ -111,7 +122,7 @@ pub(super) fn split(
                 if number == next {
                     files.push(SplitFile {
                         label,
-                        path: path_of(args, label),
+                        path: path_of(how.output, label),
                         ..SplitFile::default()
                     });
                     if files.len() > MOST_FILES {
@@ -128,15 +139,15 @@ pub(super) fn split(
     })?;
     if files.is_empty() {
         let what = "no face has a label; nothing was written";
-        return Err(Error::bad_input(&*args.paths.input, what));
+        return Err(Error::bad_input(&**how.input, what));
     }
-    check_paths(args, &files)?;
-    lose_properties(&mut done, ready, &labels, n_within);
+    check_paths(how, &files)?;
+    lose_properties(&mut done, source, &labels, n_within);
     let all = files.iter().map(|file| file.triangles).sum();
     progress.begin("convert", 2, 2, all);
-    let mut writer = Writer { ready, args, progress, done, files, open: None };
+    let mut writer = LabelFiles { how, progress, done, files, open: None };
     faces.drain(|[number, _, _, a, b, c]| writer.take(number as usize, [a, b, c]))?;
-    let Writer { mut done, mut files, .. } = writer.close()?;
+    let LabelFiles { mut done, mut files, .. } = writer.close()?;
     progress.lose_all(&done.losses);
     let faults = source.faults();
     done.n_bad += faults.missing_faces + faults.missing_vertices + faults.bad_faces;
@@ -146,13 +157,12 @@ pub(super) fn split(
 }
 
 /// Checks all outputs as if they had been typed.
-fn check_paths(args: &Args, files: &[SplitFile]) -> Result<()> {
-    let mut paths = args
-        .paths
-        .input
-        .add_to(Paths::new(args.force), "INPUT")?
-        .with_option(Role::Side(Kind::Report), "--report", args.report.as_ref())
-        .with_option(Role::TempDir, "--temp-dir", args.temp_dir.as_ref());
+fn check_paths(how: &Splitting, files: &[SplitFile]) -> Result<()> {
+    let mut paths = how.input.add_to(Paths::new(how.force), "INPUT")?.with_option(
+        Role::Side(Kind::Report),
+        "--report",
+        how.report,
+    );
     for file in files {
         paths = paths.with(Role::Output, "OUTPUT", &file.path);
     }
@@ -160,8 +170,8 @@ fn check_paths(args: &Args, files: &[SplitFile]) -> Result<()> {
 }
 
 /// Names what faces had besides their labels.
-fn lose_properties(done: &mut Converted, ready: &Ready, labels: &FaceLabels, n_within: u64) {
-    let names: Vec<String> = ready.source.face_properties().into_iter().map(|p| p.name).collect();
+fn lose_properties(done: &mut Converted, source: &MeshSource, labels: &FaceLabels, n_within: u64) {
+    let names: Vec<String> = source.face_properties().into_iter().map(|p| p.name).collect();
     let lost: Vec<&str> =
         names.iter().filter(|name| !labels.names.contains(name)).map(String::as_str).collect();
     if !lost.is_empty() {
@@ -183,16 +193,15 @@ struct OpenFile {
 }
 
 /// Writes one file after the other.
-struct Writer<'a> {
-    ready: &'a Ready,
-    args: &'a Args,
+struct LabelFiles<'a> {
+    how: &'a Splitting<'a>,
     progress: &'a Progress,
     done: Converted,
     files: Vec<SplitFile>,
     open: Option<OpenFile>,
 }
 
-impl Writer<'_> {
+impl LabelFiles<'_> {
     /// Adds a face of a file; those of one file come one after the other.
     fn take(&mut self, number: usize, corners: [u32; 3]) -> Result<()> {
         if self.open.as_ref().is_none_or(|open| open.number != number) {
@@ -200,8 +209,8 @@ impl Writer<'_> {
         }
         let open = self.open.get_or_insert_with(|| OpenFile {
             number,
-            used: Used::none(self.ready.source.n_vertices()),
-            corners: Spool::new(&self.ready.temp_dir),
+            used: Used::none(self.how.source.n_vertices()),
+            corners: Spool::new(self.how.temp_dir),
         });
         corners.iter().for_each(|&v| open.used.mark(u64::from(v)));
         corners.iter().try_for_each(|v| open.corners.write(&v.to_le_bytes()))
@@ -215,19 +224,18 @@ impl Writer<'_> {
 
     fn finish(&mut self) -> Result<()> {
         let Some(OpenFile { number, mut used, corners }) = self.open.take() else { return Ok(()) };
-        let source = &self.ready.source;
+        let source = self.how.source;
         let file = &mut self.files[number];
         file.vertices = used.count();
         let mut header = OutputHeader::new(source.schema().clone(), file.vertices, file.triangles);
         header.comments = source.plain_comments();
         header.obj_infos = source.obj_infos().to_vec();
         header.settings = "convert --split".to_owned();
-        header.sort_memory_bytes =
-            header.sort_memory_bytes.min(sort_bytes(self.ready.memory_bytes));
-        let place = Place { replace: self.args.force, ..Place::from(&file.path) };
-        let mut sink = MeshSink::create(place, header, self.args.format)?;
+        header.sort_memory_bytes = header.sort_memory_bytes.min(sort_bytes(self.how.memory_bytes));
+        let place = Place { replace: self.how.force, ..Place::from(&file.path) };
+        let mut sink = MeshSink::create(place, header, self.how.format)?;
         used.write_vertices(source, false, &mut sink, || self.progress.check())?;
-        let corners = corners.finish(&self.ready.temp_dir)?;
+        let corners = corners.finish(self.how.temp_dir)?;
         let mut buffer = vec![0; CHUNK * FACE_BYTES];
         let mut at = 0;
         while at < corners.len() {

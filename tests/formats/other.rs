@@ -49,6 +49,7 @@ fn to(input: &Path, output: &Path, format: &str) -> stonecut::Result<Converted> 
         textures: None,
         keep_duplicates: false,
         keep_unreferenced: false,
+        split: None,
         weld: Some(Weld::Off),
         temp_dir: None,
         memory: None,
