@@ -43,17 +43,8 @@ impl Tracker {
         place: [f32; 3],
         scratch: &mut Scratch,
     ) -> bool {
-        // Sine of the largest turn between two faces, at most: twice that of their normals against the mean.
-        let mut mean = [0.0f32; 3];
-        for face in &scratch.faces {
-            (0..3).for_each(|k| mean[k] += face.normal[k]);
-        }
-        let length_sq = dot(mean, mean).max(1e-12);
-        let turn = scratch.faces.iter().map(|face| {
-            let n = cross(face.normal, mean);
-            if dot(face.normal, mean) > 0.0 { dot(n, n) / length_sq } else { 1.0 }
-        });
-        let turn = (2.0 * turn.fold(0.0, f32::max).sqrt()).min(1.0);
+        // Of the largest turn between two faces, at most: twice that of their normals against the mean.
+        let turn = (2.0 * sine_to_mean(&scratch.faces)).min(1.0);
         let is_closed = patch.open.is_empty();
         scratch.is_done.clear();
         for i in 0..scratch.witnesses.len() {
@@ -200,8 +191,47 @@ impl Tracker {
     }
 }
 
+/// Largest sine of the angle between the normal of a face and their mean; infinite if one of them is turned from it by a right
+/// angle or more.
+#[inline(always)]
+pub(super) fn sine_to_mean(faces: &[Face]) -> f32 {
+    let mut mean = [0.0f32; 3];
+    for face in faces {
+        (0..3).for_each(|k| mean[k] += face.normal[k]);
+    }
+    let length_sq = dot(mean, mean).max(1e-12);
+    let mut most = 0.0f32;
+    for face in faces {
+        let n = cross(face.normal, mean);
+        let is_upright = dot(face.normal, mean) > 0.0;
+        most = most.max(if is_upright { dot(n, n) / length_sq } else { f32::INFINITY });
+    }
+    most.sqrt()
+}
+
 #[inline(always)]
 fn moved<L: Lanes>(points: [L; 3], by: [f32; 3]) -> [L; 3] {
     let [x, y, z] = points;
     [x.plus(L::splat(by[0])), y.plus(L::splat(by[1])), z.plus(L::splat(by[2]))]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fold_turns_from_the_mean_by_half_its_angle_and_what_is_turned_over_has_no_sine() {
+        let (sine, cosine) = 0.3f32.sin_cos();
+        let along = [1.0, 0.0, 0.0];
+        let face = |to_b, to_c| Face::new(0, (0, 0), to_b, to_c);
+        // On either side of the x axis.
+        let left = face(along, [0.0, cosine, sine]);
+        let right = face([0.0, -cosine, sine], along);
+        let faces: Vec<Face> = left.into_iter().chain(right).collect();
+        assert!(sine_to_mean(&faces[..1]) < 1e-6);
+        assert!((sine_to_mean(&faces) - sine).abs() < 1e-5);
+        let over = face([0.0, cosine, sine], along);
+        let faces: Vec<Face> = left.into_iter().chain(over).chain(over).collect();
+        assert_eq!(sine_to_mean(&faces), f32::INFINITY);
+    }
 }

@@ -32,7 +32,8 @@ pub(crate) struct Tracker {
     pub(super) refused: Vec<Refused>,
     /// Triangles that a cut has made.
     pub(super) caps: HashSet<u32>,
-    /// The part of `Witness::before` that only keeps the bound tighter there; empty if it is nowhere. Scaled.
+    /// The part of `Witness::before` that only keeps the bound tighter there, negative outside of all balls; empty if there are
+    /// none. Scaled.
     pub(super) margins: Vec<f32>,
 }
 
@@ -71,10 +72,10 @@ impl Tracker {
         let mut witness = |place: Vec3, before: f32, margin: Option<f64>| {
             let at = [0, 1, 2].map(|k| ((place[k] - centre[k]) * surface.scale) as f32);
             let far = at.iter().fold(LEAST_FAR, |far, x| far.max(x.abs()));
-            let margin = (margin.unwrap_or(0.0) * surface.scale) as f32;
             if n_margins > 0 {
-                margins.push(margin);
+                margins.push(margin.map_or(-1.0, |margin| (margin * surface.scale) as f32));
             }
+            let margin = (margin.unwrap_or(0.0) * surface.scale) as f32;
             Witness {
                 at,
                 before: before * surface.scale as f32 + margin + ROUNDING * far,
@@ -142,6 +143,18 @@ impl Tracker {
         self.input.is_original.get(witness as usize).is_none_or(|&is_original| is_original)
     }
 
+    /// True if points of the original stand for it.
+    #[inline(always)]
+    pub(super) fn has_points(&self) -> bool {
+        !self.input.is_original.is_empty()
+    }
+
+    /// True for a witness within a ball.
+    #[inline(always)]
+    pub(super) fn is_in_ball(&self, witness: u32) -> bool {
+        self.margins.get(witness as usize).is_some_and(|&margin| margin >= 0.0)
+    }
+
     /// True for a witness that tells how far the surface is from the original: a point of it, or a vertex whose whole distance
     /// from it counts.
     fn tells(&self, witness: u32) -> bool {
@@ -204,7 +217,8 @@ impl Tracker {
         let mut reach = vec![0.0f32; surface.vertices.len()];
         let owned = self.input.witnesses.iter().enumerate().filter(|(_, one)| one.owner != GONE);
         for (witness, one) in owned.filter(|&(witness, _)| self.tells(witness as u32)) {
-            let far = self.far(witness as u32) - self.margins.get(witness).unwrap_or(&0.0);
+            let margin = self.margins.get(witness).map_or(0.0, |margin| margin.max(0.0));
+            let far = self.far(witness as u32) - margin;
             for v in surface.triangles[one.owner as usize] {
                 let reach = &mut reach[v as usize];
                 *reach = reach.max(far);
