@@ -241,7 +241,7 @@ impl Typed {
 
     /// True if a caller in the same process can run it, too.
     fn is_callable(&self) -> bool {
-        use Typed::{Compare, Convert, Extract, Info, Measure, Render, Simplify, Synth, Tiles};
+        use Typed::{Convert, Extract, Info, Measure, Render, Simplify, Synth, Tiles};
         matches!(
             self,
             Simplify(_)
@@ -252,7 +252,6 @@ impl Typed {
                 | Synth(_)
                 | Tiles(_)
                 | Extract(_)
-                | Compare(_)
         )
     }
 }

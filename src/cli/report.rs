@@ -63,22 +63,15 @@ fn write_page(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     let resources = Resources { memory_bytes, threads: threads(args.threads).get() };
     let progressive = match &args.progressive {
         Some(path) => {
-            let shown = show(path, memory_bytes, progress).map_err(|error| {
-                // Pictures may want more.
-                Error::first_of([Err(error), report::hold(resources)])
-                    .expect_err("the first is an error")
-            });
-            let Shown { triangles, slides } = shown?;
+            let shown = show(path, memory_bytes, progress);
+            let Shown { triangles, slides } = shown.map_err(|e| or_of_pictures(e, resources))?;
             Some(Slider { triangles, slides })
         }
         None => None,
     };
     let material = Material {
         progressive,
-        report: read(&args.report, memory_bytes).or_else(|error| {
-            Err(Error::first_of([Err(error), report::hold(resources)])
-                .expect_err("the first is an error"))
-        })?,
+        report: read(&args.report, memory_bytes).map_err(|e| or_of_pictures(e, resources))?,
         measured: args.measured.as_deref().map(|path| read(path, memory_bytes)).transpose()?,
         temp_dir: folder_of(&args.output).to_path_buf(),
         resources,
@@ -88,6 +81,11 @@ fn write_page(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     crate::system::pending_file::write_whole(place, page.as_bytes())?;
     log.say(format!("{}: {} bytes", args.output.display(), page.len()));
     Ok(())
+}
+
+/// The same error, or the one of the pictures where these want more memory.
+fn or_of_pictures(error: Error, resources: Resources) -> Error {
+    Error::first_of([Err(error), report::hold(resources)]).expect_err("the first is an error")
 }
 
 /// Bytes of an object of JSON in memory, and of any other value with its key and its share of a list, at most.

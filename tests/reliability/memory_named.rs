@@ -140,7 +140,7 @@ fn lists_and_trees_of_others_take_a_share_of_the_memory() {
     tree(&vec![leaf; 20_000].join(","));
     is_enough(at, "convert t o.ply --force", "64MiB");
     // Each mesh once, at each place.
-    tree(&vec![leaf; 10].join(","));
+    tree(&[leaf; 10].join(","));
     expect(at, "convert t o.ply --force", 0);
     let n_bytes = |name: &str| std::fs::metadata(at.join(name)).unwrap().len();
     assert!(n_bytes("o.ply") < 2 * n_bytes("in.ply"));

@@ -328,7 +328,7 @@ impl<'a> GivenMesh<'a> {
         }
         let row_bytes = if is_single { 12 } else { 24 };
         let stride = if mesh.position_stride == 0 { row_bytes } else { mesh.position_stride };
-        let n_corners = n_triangles.checked_mul(3).unwrap_or(usize::MAX);
+        let n_corners = n_triangles.saturating_mul(3);
         let n_labels = if mesh.labels.is_null() { 0 } else { n_triangles };
         // SAFETY: the caller keeps the contract.
         unsafe {

@@ -127,6 +127,7 @@ fn message() -> String {
 }
 
 /// Says that a test is left out; `.ci/run` counts these lines at its end.
+#[allow(clippy::print_stdout)] // A line of the test's own output.
 fn skipped(why: &str) {
     use std::io::Write;
     println!("skipped: {why}");

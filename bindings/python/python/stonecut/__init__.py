@@ -71,7 +71,6 @@ __all__ = [
     "SystemFault",
     "UsageError",
     "__version__",
-    "compare",
     "convert",
     "errors",
     "extract",
@@ -807,7 +806,7 @@ def tiles(
             by columns. crs: the system of its coordinates, as ``"EPSG:25832"``. viewer: a page to look at the tree.
 
     All else is as in :func:`simplify_file`; the same call continues after an interruption. Returns the report of
-    ``stonecut tiles``: ``levels``, ``tiles``, ``bytes`` and what else it counts."""
+    ``stonecut tiles``: ``levels``, ``tiles`` and what else it counts."""
     words = ["tiles", *paths("input", input), path("output", output)]
     words += options(
         tile_triangles=tile_triangles,
@@ -869,25 +868,3 @@ def extract(
     if is_short:
         warnings.warn(f"{found['triangles']} triangles: the number was not met", ShortOfTarget, stacklevel=2)
     return found
-
-
-def compare(
-    methods: str | Iterable[str],
-    input: PathLike,
-    output: PathLike,
-    *,
-    triangles: int | str | None = None,
-    ratio: float | str | None = None,
-    samples: int | str | None = None,
-    memory: Size | None = None,
-    threads: int | None = None,
-    force: bool = False,
-    progress: OnProgress | None = None,
-) -> None:
-    """Simplifies a file by several methods to one count and writes a page that sets them side by side.
-
-    ``methods`` are ``"collapse"``, ``"cluster"``, ``"decimate"``, ``"retile"``; ``output`` ends in ``.html``; ``samples`` are
-    those of each measurement [1M]."""
-    words = ["compare", methods if isinstance(methods, str) else ",".join(methods), path("input", input)]
-    words += [*target(triangles, ratio), "--output=" + path("output", output)]
-    _report(words + options(samples=samples, memory=memory, threads=threads, force=force), progress)
