@@ -20,13 +20,13 @@ pub enum End {
 /// The last call of a thread, as `stonecut_error` of the header.
 #[repr(C)]
 pub struct LastError {
-    /// What it returned.
+    /// The code that it returned.
     pub code: c_int,
     /// Name of the class.
     pub name: *const c_char,
-    /// What was wrong, where, what to do.
+    /// The fault, its place, and what to do.
     pub message: *const c_char,
-    /// What helps beside that.
+    /// A remedy beside that.
     pub remedy: *const c_char,
 }
 
@@ -68,7 +68,7 @@ pub fn border(work: impl FnOnce() -> Result<End>) -> c_int {
     code
 }
 
-/// How the last call of this thread ended.
+/// End of the last call of this thread.
 pub fn last() -> *const LastError {
     LAST.with_borrow(|last| {
         debug_assert_eq!(last.shown.name, last.texts[0].as_ptr());

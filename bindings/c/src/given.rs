@@ -1,4 +1,4 @@
-//! What C gives, checked: structures with their sizes, arrays with their numbers of elements, texts.
+//! Arguments of C callers, checked: structures with their sizes, arrays with their numbers of elements, texts.
 //!
 //! Everything that is wrong is named as the caller wrote it: `mesh->positions`, `options->words`.
 

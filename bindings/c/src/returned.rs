@@ -1,4 +1,4 @@
-//! What C gets back: a report as text and numbers, and of a simplified mesh its arrays.
+//! Results for C callers: a report as text and numbers, and of a simplified mesh its arrays.
 
 use crate::errors::{End, text};
 use crate::given::{Attribute, GivenMesh, Mesh};

@@ -1,6 +1,6 @@
 //! Parts that lie on each other: vertices inside of them are joined as those at borders are.
 //!
-//! Where borders fit together there is nothing to look for. Otherwise vertices at borders lie inside of other parts: if most of
+//! Borders that fit together leave nothing to look for. Otherwise vertices at borders lie inside of other parts: if most of
 //! them have a copy there, the parts hold the same triangles, and all vertices in common boxes are joined.
 
 use super::neighbours::{INSIDE, Neighbours, Pairs};

@@ -1,7 +1,7 @@
 //! Cost and place of collapses along junction curves.
 //!
 //! The same as elsewhere but for the volume: normals of sheets that meet have no common side, so their sum says nothing of it.
-//! What holds the survivor are the planes of all sheets and, as at a boundary, the lines of the curve's edges. At attribute
+//! The survivor is held by the planes of all sheets and, as at a boundary, the lines of the curve's edges. At attribute
 //! seams the cost is that of `seam`.
 
 use crate::cost::quadric::{self, Evaluated};

@@ -1,4 +1,4 @@
-//! What compilers say: layouts of the header, the example without a warning, and what it prints.
+//! Checks by compilers: layouts of the header, the example without a warning, and what it prints.
 
 use super::*;
 use std::mem::offset_of;
