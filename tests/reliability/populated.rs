@@ -32,7 +32,7 @@ pub fn snapshot(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 /// Files of others, at places where a command makes its own.
-const JUNK: [&str; 22] = [
+const JUNK: [&str; 24] = [
     "o.ply.stonecut-job/notes.txt",
     "p.ply.stonecut-job/keep.cells",
     "p.ply.stonecut-job/lock",
@@ -54,11 +54,13 @@ const JUNK: [&str; 22] = [
     "full/notes.txt",
     "temp/o.ply.stonecut-job/notes.txt",
     "tree/notes.txt",
+    "cells/1.stl",
+    "parts/notes.txt",
     "precious.json",
 ];
 
 /// A command, and what it may change.
-const COMMANDS: [(&str, &[&str]); 38] = [
+const COMMANDS: [(&str, &[&str]); 41] = [
     ("simplify in.ply o.ply --ratio 50% -q", &["o.ply"]),
     ("simplify in.ply o.ply --ratio 50% -q --force --restart", &["o.ply"]),
     ("simplify in.ply p.ply --ratio 50% -q --restart", &["p.ply"]),
@@ -77,6 +79,9 @@ const COMMANDS: [(&str, &[&str]); 38] = [
     ("simplify in.ply f.ply --ratio 50% -q --force --progressive precious.json", &["f.ply"]),
     ("convert in.ply e.stl --temp-dir full", &["e.stl"]),
     ("convert tex.obj s.obj", &["s.obj"]),
+    ("convert two.ply parts/{label}.stl --split label", &[]),
+    ("convert two.ply cells/{label}.stl --split label", &[]),
+    ("convert two.ply o-{label}.ply --split label --report precious.json", &[]),
     ("info in.ply --check --temp-dir full", &[]),
     ("info in.ply --check", &[]),
     ("info tree --check", &[]),
@@ -99,11 +104,18 @@ const COMMANDS: [(&str, &[&str]); 38] = [
     ("plan . in.ply u.ply --ratio 50% --units 2", &[]),
 ];
 
+/// Files that `convert --split` may write.
+const REGIONS: [&str; 2] = ["parts/1.stl", "parts/2.stl"];
+
 #[test]
 fn nothing_but_the_output_changes() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     expect(at, "synth statue in.ply --triangles 4000", 0);
+    let two = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+               element face 2\nproperty list uchar int vertex_indices\nproperty int label\nend_header\n\
+               0 0 0\n1 0 0\n0 1 0\n1 1 1\n3 0 1 2 1\n3 1 3 2 2\n";
+    std::fs::write(at.join("two.ply"), two).unwrap();
     expect(at, "simplify in.ply small.ply --ratio 50% -q", 0);
     expect(at, "tiles in.ply tree --tile-triangles 500 -q", 0);
     std::fs::copy(at.join("in.ply"), at.join("tree/in.ply")).unwrap();
@@ -131,7 +143,11 @@ fn nothing_but_the_output_changes() {
             output.status.code()
         );
         let mut after = snapshot(at);
-        let is_output = |path: &Path| outputs.iter().any(|output| path.starts_with(output));
+        // One file a region.
+        let is_output = |path: &Path| {
+            outputs.iter().any(|output| path.starts_with(output))
+                || path.to_str().is_some_and(|path| REGIONS.contains(&path))
+        };
         after.retain(|path, _| !is_output(path));
         for (path, bytes) in before.iter().filter(|(path, _)| !is_output(path)) {
             assert!(
@@ -145,7 +161,7 @@ fn nothing_but_the_output_changes() {
 }
 
 /// Every option of every command that names something to write; `@` is where it is put.
-const WRITERS: [&str; 22] = [
+const WRITERS: [&str; 23] = [
     "simplify in.ply @ --ratio 50% -q --format ascii",
     "simplify in.ply new.ply --ratio 50% -q --report @",
     "simplify in.ply new.ply --ratio 50% -q --receipt @.json",
@@ -155,6 +171,7 @@ const WRITERS: [&str; 22] = [
     "simplify in.ply @ --ratio 50% -q --method cluster --format ascii",
     "convert in.ply @ --format ascii",
     "convert in.ply new.ply --report @",
+    "convert foam.ply @/{label}.stl --split label",
     "info in.ply --log-file @",
     "tiles in.ply @ -q",
     "tiles in.ply newtree -q --report @",
@@ -190,6 +207,7 @@ fn no_output_takes_the_place_of_what_is_not_a_mesh_of_ours() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     expect(at, "synth statue in.ply --triangles 600", 0);
+    expect(at, "synth foam foam.ply --triangles 600", 0);
     expect(at, "simplify in.ply small.ply --ratio 50% -q", 0);
     expect(at, "tiles in.ply tree --tile-triangles 500 -q", 0);
     std::fs::write(at.join("mine.txt"), [7u8, 0, 200, 1]).unwrap();
