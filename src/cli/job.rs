@@ -1,7 +1,7 @@
 //! The job of `simplify`: run, and recognised where an earlier run has done it.
 //!
-//! The proof is in the report of that run (`done`): the same settings, input and files beside it with the same marks, and outputs
-//! that nothing has changed since. Without a report there is none, and the output is in the way.
+//! The proof is in the report of that run (`done`) and in a note on its output: the same settings, input and files beside it with the same
+//! marks, and outputs that nothing has changed since. Where the file system keeps no notes and there is no report, the output is in the way.
 
 use super::log::EXIT_SHORT;
 use super::outcome::close;
@@ -11,12 +11,13 @@ use crate::pipeline::methods::{self, PreparedMethod};
 use crate::pipeline::run_report::{DoneRecord, RunReport};
 use crate::pipeline::{self, Prepared, max_error, optimize, pairs};
 use crate::store::job::fingerprint::{file_marks, marks_now};
-use crate::system::disk::read_regular;
+use crate::system::disk::{note_of, read_regular, set_note};
 use crate::system::paths::MOST_REPORT_BYTES;
 use crate::system::progress::Progress;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
+use xxhash_rust::xxh3::xxh3_64;
 
 /// A job that is prepared.
 pub(crate) enum ReadyJob {
@@ -76,7 +77,13 @@ pub(crate) fn run_job(
     }?;
     if let Some(report) = &mut report {
         close(report, progress);
-        report.done = record(config, marks, if report.is_short() { EXIT_SHORT } else { 0 });
+        let is_less = report.is_short() || report.losses.has_whole();
+        report.done = record(config, marks, if is_less { EXIT_SHORT } else { 0 });
+        if let (Some(done), false) = (&report.done, config.output == Path::new("-")) {
+            serde_json::to_vec(&sealed(done.clone()))
+                .iter()
+                .for_each(|note| set_note(&config.output, note));
+        }
     }
     Ok(report)
 }
@@ -108,14 +115,26 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
     settings
 }
 
-/// The exit code of an earlier run that has done this job, if its report proves that.
-pub(super) fn done_before(config: &Config, report: &Path) -> Option<u8> {
-    let text = read_regular(report, MOST_REPORT_BYTES).ok()?;
-    let report: RunReport = serde_json::from_slice(&text).ok()?;
-    let done = report.done?;
+/// The record in a note: file systems keep few bytes, and a checksum of the settings is enough.
+fn sealed(done: DoneRecord) -> DoneRecord {
+    let checksum = xxh3_64(format!("{:?}", done.settings).as_bytes());
+    let settings = BTreeMap::from([("checksum".to_owned(), format!("{checksum:016x}"))]);
+    DoneRecord { settings, ..done }
+}
+
+/// The exit code of an earlier run that has done this job, if its report or, where none was asked for, the note on its output proves that.
+pub(super) fn done_before(config: &Config, report: Option<&Path>) -> Option<u8> {
+    let done: DoneRecord = match report {
+        Some(report) => {
+            let text = read_regular(report, MOST_REPORT_BYTES).ok()?;
+            serde_json::from_slice::<RunReport>(&text).ok()?.done?
+        }
+        None => serde_json::from_slice(&note_of(&config.output)?).ok()?,
+    };
     let input = marks_now(&config.input, &done.input).ok()?;
     let is_input = done.input.iter().all(|(name, value)| input.get(name) == Some(value));
     let now = record(config, done.input.clone(), done.exit_code)?;
+    let now = if report.is_some() { now } else { sealed(now) };
     // Side files are not looked at.
     let has_sides = config.checks.seams.is_some() || config.progressive.is_some();
     (is_input && !has_sides && now == done).then_some(done.exit_code)

@@ -386,7 +386,7 @@ impl Command for Args {
     }
 
     fn done_before(&self) -> Option<(u8, String)> {
-        let report = self.report.as_ref().filter(|path| path.exists())?;
+        let report = self.report.as_deref();
         let is_more = self.dry_run || self.job.until.is_some() || self.receipt.is_owed();
         if self.job.force || self.job.restart || is_more {
             return None;

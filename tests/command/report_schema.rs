@@ -423,6 +423,18 @@ fn a_run_that_is_done_is_not_done_again() {
     std::fs::write(out.join("in.ply"), input).expect("written");
     again("", 2);
     expect(out, "simplify in.ply o.ply --ratio 10%", 2);
+    if !crate::common::keeps_notes(out) {
+        return;
+    }
+    // Without a report the output itself has a note.
+    expect(out, "simplify in.ply o.ply --ratio 10% --force", 0);
+    assert!(expect(out, "simplify in.ply o.ply --ratio 10%", 0).contains("already done"));
+    for other in ["--ratio 11%", "--ratio 10% --fit off", "--ratio 10% --report other.json"] {
+        expect(out, &format!("simplify in.ply o.ply {other}"), 2);
+    }
+    let mesh = std::fs::read(out.join("o.ply")).expect("an output");
+    std::fs::write(out.join("o.ply"), mesh).expect("written");
+    expect(out, "simplify in.ply o.ply --ratio 10%", 2);
 }
 
 #[test]

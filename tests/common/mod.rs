@@ -103,6 +103,18 @@ pub fn skipped(why: &str) {
     }
 }
 
+/// Returns whether the file system of a folder keeps extended attributes.
+pub fn keeps_notes(folder: &Path) -> bool {
+    use rustix::fs::{XattrFlags, setxattr};
+    let path = folder.join("noted");
+    std::fs::write(&path, "").unwrap();
+    let keeps = setxattr(&path, "user.stonecut.done", b"", XattrFlags::empty()).is_ok();
+    if !keeps {
+        skipped("notes on files: this file system keeps no extended attributes");
+    }
+    keeps
+}
+
 /// Sends a signal to a process that the test has started.
 pub fn signal(child: &std::process::Child, signal: rustix::process::Signal) {
     let id = rustix::process::Pid::from_child(child);

@@ -16,12 +16,14 @@ mod account;
 mod crash_model;
 mod folders;
 mod gate;
+mod note;
 mod own;
 mod publish;
 use account::Account;
 use crash_model::Losses;
 pub use crash_model::PowerLoss;
 pub use gate::{kind_of, open_input, read_own, read_regular};
+pub use note::{note_of, set_note};
 pub use own::{IsOurs, check_own, foreign_below, is_empty};
 
 /// A handle on the file system; clones share their counters.
