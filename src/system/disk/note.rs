@@ -1,4 +1,4 @@
-//! A note on a file of ours that is no part of its bytes: an extended attribute.
+//! A note on a file of ours beside its bytes: an extended attribute.
 //!
 //! File systems may keep none, or few bytes, and copies may go without; whoever reads a note does without it too.
 
