@@ -5,7 +5,7 @@ use super::session::{Command, Session};
 use super::terminal::{shown, table as table_of};
 use crate::error::{Error, Offers, Result};
 use crate::io::ply::{MeshSource, PartReport, ReadOptions};
-use crate::io::sidecars::Georeference;
+use crate::io::sidecars::LIES_AT;
 use crate::io::{InputPaths, NameUse, OBJECT, StageOptions};
 use crate::measure::check::{self, COUNT_BYTES, Checked};
 use crate::measure::intersections::{self, SelfIntersections};
@@ -252,8 +252,10 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
         images: materials.map_or_else(Vec::new, |m| m.image_names(false)),
         image_pixels: materials.map_or_else(Vec::new, |m| m.image_pixels()),
         missing_images: materials.map_or_else(Vec::new, |m| m.image_names(true)),
-        notes: Georeference::beside(&args.input().first())
-            .map(|found| format!("lies at {}", found.words()))
+        notes: source
+            .georeference()
+            .filter(|_| !source.notes().iter().any(|note| note.what.starts_with(LIES_AT)))
+            .map(|found| format!("{LIES_AT}{}", found.words()))
             .into_iter()
             .chain(source.notes().iter().map(ToString::to_string))
             .chain(materials.iter().flat_map(|m| m.losses.lines()))

@@ -266,11 +266,7 @@ pub(super) fn take(
         let (distance, [original, simplified]) = enclose(&pair, config, tolerance, progress)?;
         if number == 0 {
             let georeference = Georeference::beside(&config.input.first());
-            let sidecars = georeference.iter().flat_map(|found| &found.found_in);
             let mut beside = companions(&pair.original, hashes)?;
-            for path in sidecars {
-                beside.extend([hashes.entry(path)?]);
-            }
             beside.retain(|name, _| !taken.input.files.contains_key(name));
             taken.input.beside = beside;
             taken.input.counts = counts(&original)?;

@@ -9,18 +9,18 @@ use super::placing::{TypedMoves, TypedTransform, Up, numbers, parse_transform};
 use super::session::{Command, Session};
 use crate::error::{Offers, Result};
 use crate::io::Weld;
-use crate::io::globe::{Crs, from_centre};
+use crate::io::globe::{Crs, east_north_up, east_north_up_of};
 use crate::io::sidecars::Georeference;
 use crate::mesh::placing::Placing;
 use crate::pipeline::tiles::report::TilesReport;
 use crate::pipeline::tiles::{
-    Finest, MapPlace, TILE_TRIANGLES, TileTexture, TilesConfig, make_tiles, prepare_tiles,
+    Finest, TILE_TRIANGLES, TileTexture, TilesConfig, make_tiles, prepare_tiles,
 };
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::Seen;
 use crate::system::units::{parse_count, parse_ratio, show_bytes, show_count, show_outward};
 use std::num::NonZeroUsize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Cuts a mesh of any size into tiles at all levels of detail (OGC 3D Tiles 1.1)
 ///
@@ -167,60 +167,25 @@ fn parse_crs(text: &str) -> std::result::Result<TypedCrs, String> {
     Crs::of(text).map(|crs| TypedCrs::Code(crs.name()))
 }
 
-/// From east, north and up at a place of the earth to its centre (WGS 84); by columns.
-fn east_north_up(Geo(place): Geo) -> [f64; 16] {
-    let [latitude, longitude, _] = place;
-    let (sin_lat, cos_lat) = latitude.to_radians().sin_cos();
-    let (sin_lon, cos_lon) = longitude.to_radians().sin_cos();
-    let [x, y, z] = from_centre(place);
-    [
-        -sin_lon,
-        cos_lon,
-        0.0,
-        0.0,
-        -sin_lat * cos_lon,
-        -sin_lat * sin_lon,
-        cos_lat,
-        0.0,
-        cos_lat * cos_lon,
-        cos_lat * sin_lon,
-        sin_lat,
-        0.0,
-        x,
-        y,
-        z,
-        1.0,
-    ]
-}
-
-/// The place that files beside a mesh name, as transform or as system; a line for people if there is one.
-fn place_beside(
-    input: &Path,
+/// Takes the system that was typed or that the mesh names; a line for people if there is one.
+fn take_place(
+    found: Option<Georeference>,
     typed: Option<&TypedCrs>,
     config: &mut TilesConfig,
 ) -> Option<String> {
-    let found = Georeference::beside(input).filter(|_| typed != Some(&TypedCrs::None));
-    let offset = found.as_ref().map_or([0.0; 3], |found| found.offset);
+    let found = found.filter(|_| typed != Some(&TypedCrs::None));
     if let Some(TypedCrs::Code(code)) = typed {
-        config.crs = Some(MapPlace { code: code.clone(), offset });
+        config.crs = Some(code.clone());
         return found.map(|found| format!("place     {code}, with {}", found.words()));
     }
     let found = found?;
-    if let Some(place) = found.crs.strip_prefix("ENU:") {
-        let numbers: Vec<f64> = place.split(',').filter_map(|n| n.trim().parse().ok()).collect();
-        let &[latitude, longitude, ref height @ ..] = numbers.as_slice() else { return None };
-        let height = height.first().copied().unwrap_or(0.0);
-        let mut place = Placing::default();
-        place.shift(offset);
-        place.then(&east_north_up(Geo([latitude, longitude, height])));
-        config.transform = place.columns();
-    } else if found.crs.is_empty() {
+    if found.crs.is_empty() {
         return Some(format!("place     {}; --crs puts the tree on the earth", found.words()));
-    } else {
-        match Crs::of(&found.crs) {
-            Ok(crs) => config.crs = Some(MapPlace { code: crs.name(), offset }),
-            Err(what) => return Some(format!("place     not used: {what}")),
-        }
+    }
+    match Crs::of(&found.crs) {
+        Ok(crs) => config.crs = Some(crs.name()),
+        Err(_) if east_north_up_of(&found.crs).is_some() => config.crs = Some(found.crs.clone()),
+        Err(what) => return Some(format!("place     not used: {what}")),
     }
     Some(format!("place     {}; --crs none leaves it out", found.words()))
 }
@@ -230,7 +195,7 @@ impl Args {
     fn config(&self) -> Result<TilesConfig> {
         let default = TilesConfig::new(&self.paths.input, &self.paths.output);
         let transform = match (self.geo, self.transform) {
-            (Some(geo), _) => east_north_up(geo),
+            (Some(Geo(place)), _) => east_north_up(place),
             (None, Some(TypedTransform(matrix))) => matrix,
             (None, None) => default.transform,
         };
@@ -293,9 +258,9 @@ fn make(args: &Args, session: &mut Session) -> Result<CommandEnd> {
     let mut config = args.config()?;
     let is_placed = args.geo.is_some() || args.transform.is_some();
     let typed = if is_placed { Some(&TypedCrs::None) } else { args.crs.as_ref() };
-    let place = place_beside(&args.paths.input.first(), typed, &mut config);
     super::arguments::warn_of_limit(args.memory, log);
     let prepared = prepare_tiles(&config)?;
+    let place = take_place(prepared.source.georeference(), typed, &mut config);
     // glTF has y upwards by its standard.
     config.is_z_up &= args.up.is_some() || prepared.source.file_format() != "glTF";
     log.plan(prepared.plan.lines(&config), &prepared.plan);
@@ -387,12 +352,12 @@ mod tests {
 
     #[test]
     fn places_on_the_earth_have_their_axes() {
-        let m = east_north_up(Geo([0.0, 90.0, 10.0]));
+        let m = east_north_up([0.0, 90.0, 10.0]);
         let near = |a: f64, b: f64| (a - b).abs() < 1e-6;
         // East is -x there, north is z, up is y.
         assert!(near(m[0], -1.0) && near(m[6], 1.0) && near(m[9], 1.0));
         assert!(near(m[12], 0.0) && near(m[13], 6_378_147.0) && near(m[14], 0.0));
-        let pole = east_north_up(Geo([90.0, 0.0, 0.0]));
+        let pole = east_north_up([90.0, 0.0, 0.0]);
         assert!(near(pole[14], 6_356_752.314_245_179));
         assert!(parse_geo("91,0,0").is_err() && parse_geo("1,2").is_err());
         assert_eq!(parse_finest("10%"), Ok(Finest::Ratio(0.1)));

@@ -5,6 +5,7 @@ use super::open::open_part;
 use super::open_options::StageOptions;
 use super::{lock, weld};
 use crate::ply::MeshSource;
+use std::path::Path;
 use stonecut_system::error::Result;
 
 impl MeshSource {
@@ -15,7 +16,11 @@ impl MeshSource {
     pub fn open_staged(input: impl Into<InputPaths>, options: &StageOptions) -> Result<Self> {
         let input = input.into();
         let source = if input.is_one() {
-            weld::weld(open_part(&input, None, options)?, options)?
+            let mut source = open_part(&input, None, options)?;
+            let found = if *input == *Path::new("-") { None } else { source.locate(&input) };
+            found.iter().for_each(|found| source.note_place(found));
+            source.place(&options.read.placing)?;
+            weld::weld(source, options)?
         } else {
             let (mut source, borders) = stage(&input, options)?;
             source.place(&options.read.placing)?;

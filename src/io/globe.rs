@@ -180,6 +180,30 @@ pub fn from_centre([latitude, longitude, height]: [f64; 3]) -> [f64; 3] {
     [around * cos_lon, around * sin_lon, (normal * (1.0 - off) + height) * sin_lat]
 }
 
+/// From east, north and up at a place of the earth to its centre (WGS 84); by columns.
+pub fn east_north_up(place: [f64; 3]) -> [f64; 16] {
+    let [latitude, longitude, _] = place;
+    let (sin_lat, cos_lat) = latitude.to_radians().sin_cos();
+    let (sin_lon, cos_lon) = longitude.to_radians().sin_cos();
+    let [x, y, z] = from_centre(place);
+    let east = [-sin_lon, cos_lon, 0.0, 0.0];
+    let north = [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat, 0.0];
+    let up = [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat, 0.0];
+    let columns = [east, north, up, [x, y, z, 1.0]];
+    std::array::from_fn(|i| columns[i / 4][i % 4])
+}
+
+/// The same for `ENU:LAT,LON` or `ENU:LAT,LON,HEIGHT`; `None` for another text.
+pub fn east_north_up_of(text: &str) -> Option<[f64; 16]> {
+    let words = text.strip_prefix("ENU:")?.split(',');
+    let numbers: Option<Vec<f64>> = words.map(|word| word.trim().parse().ok()).collect();
+    match numbers?[..] {
+        [latitude, longitude] => Some(east_north_up([latitude, longitude, 0.0])),
+        [latitude, longitude, height] => Some(east_north_up([latitude, longitude, height])),
+        _ => None,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

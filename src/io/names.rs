@@ -8,7 +8,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 use std::rc::Rc;
-use stonecut_mesh::placing::offset_in;
+use stonecut_mesh::placing::offset_of;
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Loss, LossKind, Severity};
 use stonecut_system::units::{memory_word, show_bytes};
@@ -240,7 +240,7 @@ pub(super) fn own_comments<'a>(comments: &'a [String], infos: &'a [String]) -> V
         !is_name(line)
             && !line.starts_with("stonecut ")
             && !line.is_empty()
-            && offset_in(std::slice::from_ref(line)).is_none()
+            && offset_of(line).is_none()
     };
     comments.iter().chain(infos).filter(is_own).map(String::as_str).collect()
 }

@@ -39,7 +39,8 @@ impl Packing {
 /// Opens one file of any format: PLY, STL, OBJ, GLB or glTF, gzip or zstd compressed or not, `-` for standard input; or the
 /// mesh that lies somewhere in it.
 ///
-/// A plain PLY file is opened where it is, like `open_with`, unless it is a range grid; everything else is staged first.
+/// A plain PLY file is opened where it is, like `open_with`, unless it is a range grid; everything else is staged first. It is not
+/// placed yet.
 pub(crate) fn open_part(
     path: &Path,
     bytes: Option<Range<u64>>,
@@ -67,7 +68,6 @@ pub(crate) fn open_part(
         }
     };
     let mut source = open_raw(file, options)?;
-    source.place(&options.read.placing)?;
     if let Some(bytes) = given_bytes {
         source.set_given_bytes(bytes);
     }

@@ -1,14 +1,23 @@
-//! Files beside a mesh that say where it lies: written by photogrammetry programs, read here, never written.
+//! The place of a mesh: files beside it, written by photogrammetry programs, and comments in it, which carry the place on.
 //!
 //! | program | file |
 //! |---|---|
 //! | ContextCapture, iTwin | `metadata.xml` beside the mesh or one or two folders above: `SRS`, `SRSOrigin` |
 //! | OpenDroneMap | `odm_georeferencing_model_geo.txt` or `coords.txt` beside the mesh or in `odm_georeferencing`: zone and offset |
 //! | Metashape, RealityCapture and others | `NAME.prj` (WKT with a code), `NAME.xyz`, `NAME_offset.xyz` or `offset.xyz`: three numbers |
+//!
+//! | in the file | comment |
+//! |---|---|
+//! | stonecut | `crs EPSG:n` and `offset: X Y Z`; in GLB extras, in STL the header |
+//! | QGIS and others | `crs WKT`, `crs: EPSG:n` |
+//! | scanners | `epsg n`, `offsetx X`, `offsety Y`, `offsetz Z` |
 
 use crate::globe::code_of;
+use crate::ply::MeshSource;
 use std::path::{Path, PathBuf};
+use stonecut_mesh::placing::{SUBTRACTED, offset_of, offset_words};
 use stonecut_system::disk::read_regular;
+use stonecut_system::losses::Loss;
 
 /// A file beside a mesh is text of a few lines.
 const MOST_BYTES: u64 = 256 << 10;
@@ -20,8 +29,99 @@ pub struct Georeference {
     pub crs: String,
     /// To be added to all coordinates.
     pub offset: [f64; 3],
-    /// The files.
+    /// The files beside the mesh, if it was not the mesh itself.
     pub found_in: Vec<PathBuf>,
+}
+
+impl MeshSource {
+    /// Takes the place that files beside a mesh name as if comments in it did, unless they do.
+    pub(crate) fn locate(&mut self, mesh: &Path) -> Option<Georeference> {
+        if crs_in(self.comments()).is_some() {
+            return None;
+        }
+        let mut found = Georeference::beside(mesh)?;
+        if found.crs.is_empty() && found.offset == [0.0; 3] {
+            return None;
+        }
+        let is_own = |line: &String| offset_of(line).is_some() && !line.contains(SUBTRACTED);
+        if self.comments().iter().any(is_own) {
+            found.offset = [0.0; 3];
+        }
+        let [x, y, z] = found.offset;
+        // Maps have z upwards, glTF has y.
+        let offset = if self.file_format() == "glTF" { [x, z, -y] } else { found.offset };
+        let crs = if found.crs.is_empty() { UNKNOWN } else { &found.crs };
+        let mut comments = vec![format!("{CRS}{crs}")];
+        if offset != [0.0; 3] {
+            comments.push(format!("{} (of {})", offset_words(offset), found.names()));
+        }
+        self.take_place(comments, &found.found_in);
+        Some(found)
+    }
+
+    /// Adds the remark on the place that was found beside a mesh.
+    pub(crate) fn note_place(&mut self, found: &Georeference) {
+        self.note(Loss::remark(format!("{LIES_AT}{}", found.words())));
+    }
+
+    /// The place that comments name, in the axes of the file.
+    pub fn georeference(&self) -> Option<Georeference> {
+        let (crs, offset) = (crs_in(self.comments()), self.offset());
+        (crs.is_some() || offset.is_some()).then(|| Georeference {
+            crs: crs.unwrap_or_default(),
+            offset: offset.unwrap_or_default(),
+            found_in: Vec::new(),
+        })
+    }
+}
+
+/// Begins the remark on a place.
+pub const LIES_AT: &str = "lies at ";
+
+/// Begins the comment on a system, as QGIS reads it.
+const CRS: &str = "crs ";
+
+/// The system where only an offset is known: the place of such a file is whole.
+const UNKNOWN: &str = "unknown";
+
+/// The system that comments name: empty if it is not understood.
+pub fn crs_in(comments: &[String]) -> Option<String> {
+    comments.iter().find_map(|comment| crs_of(comment))
+}
+
+/// The system that one comment names: empty if it is not understood.
+pub(crate) fn crs_of(comment: &str) -> Option<String> {
+    // The name of a solid of STL, which is its only comment.
+    let comment = comment.strip_prefix("solid ").unwrap_or(comment);
+    let (name, rest) = comment.split_once(' ')?;
+    let (name, rest) = (name.trim_end_matches(':'), rest.trim());
+    let first = rest.split(' ').next().unwrap_or_default();
+    if name.eq_ignore_ascii_case("epsg") {
+        return first.parse().ok().filter(|n: &u16| *n > 0).map(|n| format!("EPSG:{n}"));
+    }
+    let is_place = first.starts_with("ENU:");
+    let named =
+        || if is_place { first.to_owned() } else { epsg(first).or(epsg(rest)).unwrap_or_default() };
+    name.eq_ignore_ascii_case("crs").then(named)
+}
+
+/// The comments of the one text that an STL file has: its offset stands before its system.
+pub(crate) fn comments_of(text: String) -> Vec<String> {
+    match text.split_once(" crs ").filter(|_| offset_of(&text).is_some()) {
+        Some((offset, crs)) => vec![offset.to_owned(), format!("{CRS}{crs}")],
+        None => vec![text],
+    }
+}
+
+/// The comments on a place in one line, for the header of an STL file.
+pub(crate) fn place_words(comments: &[String]) -> String {
+    let offset = stonecut_mesh::placing::offset_in(comments).map(offset_words);
+    let crs = crs_in(comments).map(|crs| match crs.as_str() {
+        "" => format!("{CRS}{UNKNOWN}"),
+        _ => format!("{CRS}{crs}"),
+    });
+    let words: Vec<String> = offset.into_iter().chain(crs).collect();
+    words.join(" ")
 }
 
 impl Georeference {
@@ -51,7 +151,16 @@ impl Georeference {
                 false => file.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             })
             .collect();
-        format!("{crs}offset {x} {y} {z} ({})", files.join(", "))
+        let files =
+            if files.is_empty() { String::new() } else { format!(" ({})", files.join(", ")) };
+        format!("{crs}offset {x} {y} {z}{files}")
+    }
+
+    /// Names of the files.
+    fn names(&self) -> String {
+        let names = self.found_in.iter().filter_map(|file| file.file_name());
+        let shown = |name: &std::ffi::OsStr| name.to_string_lossy().replace(char::is_control, "?");
+        names.map(shown).collect::<Vec<_>>().join(", ")
     }
 }
 

@@ -73,6 +73,13 @@ impl Placing {
         })
     }
 
+    /// The image of a vector; `None` if vectors stay as they are.
+    pub fn vector(&self, [x, y, z]: [f64; 3]) -> Option<[f64; 3]> {
+        let m = &self.columns;
+        let image = || [0, 1, 2].map(|r| m[r] * x + m[4 + r] * y + m[8 + r] * z);
+        (m[..12] != NONE[..12]).then(image)
+    }
+
     /// Volume of the image of a unit cube; negative for a mirror.
     pub fn determinant(&self) -> f64 {
         let m = &self.columns;
@@ -116,8 +123,11 @@ const OFFSET: &str = "offset: ";
 /// The comment on an offset.
 pub fn offset_comment(offset: [f64; 3]) -> String {
     let words = offset_words(offset);
-    format!("{words} (subtracted from all coordinates; add it to return to those of the input)")
+    format!("{words} ({SUBTRACTED}; add it to return to those of the input)")
 }
+
+/// Words of that comment alone: what other programs write is whole by itself.
+pub const SUBTRACTED: &str = "subtracted from all coordinates";
 
 /// The offset alone, short enough for the header of an STL file.
 pub fn offset_words([x, y, z]: [f64; 3]) -> String {
@@ -126,18 +136,23 @@ pub fn offset_words([x, y, z]: [f64; 3]) -> String {
 
 /// The sum of the offsets that comments name, if there are any.
 pub fn offset_in(comments: &[String]) -> Option<[f64; 3]> {
-    let mut found = None;
-    for comment in comments {
-        // The name of a solid of STL, which is its only comment.
-        let comment = comment.strip_prefix("solid ").unwrap_or(comment);
-        let Some(rest) = comment.strip_prefix(OFFSET) else { continue };
-        let numbers: Vec<f64> = rest.split(' ').map_while(|word| word.parse().ok()).collect();
-        if let [x, y, z] = numbers[..] {
-            let sum = found.unwrap_or([0.0; 3]);
-            found = Some([sum[0] + x, sum[1] + y, sum[2] + z]);
-        }
+    let named = comments.iter().filter_map(|comment| offset_of(comment));
+    named.reduce(|sum, offset| [0, 1, 2].map(|k| sum[k] + offset[k]))
+}
+
+/// The offset that one comment names: three numbers of this program, or an axis of a program of scanners (`offsetx 260137.02`).
+pub fn offset_of(comment: &str) -> Option<[f64; 3]> {
+    // The name of a solid of STL, which is its only comment.
+    let comment = comment.strip_prefix("solid ").unwrap_or(comment);
+    let number = |word: &str| word.parse().ok().filter(|x: &f64| x.is_finite());
+    if let Some(rest) = comment.strip_prefix(OFFSET) {
+        return rest.split(' ').map_while(number).collect::<Vec<f64>>().try_into().ok();
     }
-    found
+    let (name, rest) = comment.split_once(' ')?;
+    let axis = ["offsetx", "offsety", "offsetz"].iter().position(|axis| *axis == name)?;
+    let mut offset = [0.0; 3];
+    offset[axis] = number(rest.trim())?;
+    Some(offset)
 }
 
 #[cfg(test)]
@@ -181,5 +196,9 @@ mod tests {
         let comments = ["made by hand".to_owned(), offset_comment(offset)];
         assert_eq!(offset_in(&comments), Some(offset));
         assert_eq!(offset_in(&comments[..1]), None);
+        let axes = ["offsetx 260137.5", "offsety 1e6", "epsg 32651", "offsetz 22.5"];
+        assert_eq!(offset_in(&axes.map(str::to_owned)), Some([260_137.5, 1e6, 22.5]));
+        let named = ["solid offset: 1 2 3 crs EPSG:32633", "offset: 1 2", "offsetx none", "offset"];
+        assert_eq!(offset_in(&named.map(str::to_owned)), Some([1.0, 2.0, 3.0]));
     }
 }

@@ -115,7 +115,7 @@ pub(crate) struct ReceiptPlace {
     /// To be added to coordinates of the input, for those of the system.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) offset: Option<[f64; 3]>,
-    /// Subtracted from the coordinates of the input (`--recentre`, or an earlier one).
+    /// The place that coordinates of the result count from: by files beside the input, and by `--recentre`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) recentred: Option<[f64; 3]>,
     /// `EPSG:n`, or `ENU:LAT,LON`.

@@ -121,20 +121,125 @@ fn sets_that_cannot_be_meant_are_refused_by_name() {
     assert!(said.contains("1 .obj, 5 .ply"), "{said}");
 }
 
-/// Parts that were recentred one by one do not fit together as they are.
+/// Nothing that lies in a folder is left out in silence, and what does not fit the rest is named.
 #[test]
-fn files_that_count_from_different_places_are_refused() {
+fn odd_files_in_a_folder_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    std::fs::create_dir(at.join("t")).unwrap();
-    for (name, x) in [("a", 5_000_000), ("b", 9_000_000)] {
-        let text = format!("v {x} 0 0\nv {} 0 0\nv {x} 1 0\nf 1 2 3\n", x + 1);
-        std::fs::write(at.join(format!("{name}.obj")), text).unwrap();
-        expect(at, &format!("convert {name}.obj t/{name}.ply --recentre"), 0);
+    expect(at, "synth statue whole --triangles 2000 --tiles 8 --format obj --round 3", 0);
+    let fresh = || {
+        let _ = std::fs::remove_dir_all(at.join("t"));
+        std::fs::create_dir(at.join("t")).unwrap();
+        for n in 0..8 {
+            let name = format!("tile_00{n}.obj");
+            std::fs::copy(at.join("whole").join(&name), at.join("t").join(name)).unwrap();
+        }
+    };
+    let third = std::fs::read_to_string(at.join("whole/tile_003.obj")).unwrap();
+    let moved = |map: &dyn Fn([f64; 3]) -> [f64; 3]| -> String {
+        let line = |line: &str| match line.strip_prefix("v ") {
+            Some(place) => {
+                let p: Vec<f64> = place.split(' ').map(|x| x.parse().unwrap()).collect();
+                let [x, y, z] = map([p[0], p[1], p[2]]);
+                format!("v {x} {y} {z}\n")
+            }
+            None => format!("{line}\n"),
+        };
+        third.lines().map(line).collect()
+    };
+    let points = third.lines().filter(|line| !line.starts_with('f')).collect::<Vec<_>>().join("\n");
+    for (text, code, what) in [
+        (String::new(), 4, "tile_003.obj: the file is empty"),
+        (points, 4, "tile_003.obj: it has"),
+        (moved(&|p| p.map(|x| 1000.0 * x)), 0, "tile_003.obj: is "),
+        (moved(&|[x, y, z]| [x, z, -y]), 0, "tile_003.obj: no vertex of it lies at one of"),
+        (moved(&|[x, y, z]| [x + 5e5, y, z]), 0, "tile_003.obj: no vertex of it lies at one of"),
+    ] {
+        fresh();
+        std::fs::write(at.join("t/tile_003.obj"), text).unwrap();
+        let said = expect(at, "convert t out.ply --force", code);
+        assert!(said.contains(what), "{what}: {said}");
+        if code == 4 {
+            let said = expect(at, "convert t out.ply --force --skip-bad", 3);
+            assert!(said.contains(what) && said.contains("7 files became"), "{what}: {said}");
+        }
     }
-    let said = expect(at, "convert t out.ply", 4);
+    // What is no mesh, and meshes in folders beside meshes.
+    fresh();
+    for name in ["._tile_000.obj", "Thumbs.db", ".DS_Store", "notes.txt"] {
+        std::fs::write(at.join("t").join(name), "x").unwrap();
+    }
+    std::fs::create_dir_all(at.join("t/images")).unwrap();
+    std::fs::write(at.join("t/images/photo.jpg"), "x").unwrap();
+    let said = expect(at, "convert t out.ply --force", 0);
+    assert!(said.contains("8 files became") && !said.contains("note"), "{said}");
+    std::fs::create_dir_all(at.join("t/b")).unwrap();
+    std::fs::rename(at.join("t/tile_000.obj"), at.join("t/b/tile_000.obj")).unwrap();
+    let said = expect(at, "convert t out.ply --force", 0);
+    assert!(said.contains("7 files became"), "{said}");
+    assert!(said.contains("t/b: meshes in it are not read (1)"), "{said}");
+    let said = expect(at, "convert t t/b out.ply --force", 0);
+    assert!(said.contains("8 files became"), "{said}");
+    // The tree of a tile: the finest of each place.
+    for (i, name) in ["L16_0", "L17_00", "L17_01", "L18_000"].iter().enumerate() {
+        let inner = at.join("lods/Tile_+000_+001");
+        std::fs::create_dir_all(&inner).unwrap();
+        let from = at.join(format!("whole/tile_00{i}.obj"));
+        std::fs::copy(from, inner.join(format!("Tile_+000_+001_{name}.obj"))).unwrap();
+    }
+    let said = expect(at, "convert lods out.ply --force", 0);
+    assert!(said.contains("2 files became"), "{said}");
+    assert!(said.contains("a coarser level of detail, left out (2 such in all)"), "{said}");
+}
+
+/// Parts that were recentred one by one, or have their own offset beside them, come to lie where they belong.
+#[test]
+fn files_that_count_from_different_places_are_brought_to_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let square = |name: &str, [x, y]: [i64; 2]| {
+        let [right, back] = [x + 1, y + 1];
+        let text = format!(
+            "v {x} {y} 0\nv {right} {y} 0\nv {right} {back} 0\nv {x} {back} 0\nf 1 2 3 4\n"
+        );
+        std::fs::write(at.join(name), text).unwrap();
+    };
+    for inner in ["t", "beside", "mixed"] {
+        std::fs::create_dir(at.join(inner)).unwrap();
+    }
+    for (name, x) in [("a", 5_000_000), ("b", 5_000_001)] {
+        square(&format!("{name}.obj"), [x, 0]);
+        expect(at, &format!("convert {name}.obj t/{name}.ply --recentre"), 0);
+        square(&format!("beside/{name}.obj"), [0, 0]);
+        let offset = format!("{x} 0 0\n");
+        std::fs::write(at.join(format!("beside/{name}_offset.xyz")), offset).unwrap();
+    }
+    std::fs::write(at.join("beside/b.prj"), "EPSG:32633").unwrap();
+    for set in ["t", "beside", "a.obj b.obj"] {
+        let said = expect(at, &format!("convert {set} out.obj --force"), 0);
+        let is_moved = set != "a.obj b.obj";
+        assert_eq!(said.contains("1 files count from other places"), is_moved, "{said}");
+        let text = std::fs::read_to_string(at.join("out.obj")).unwrap();
+        let offset = if set == "t" { "# offset: 5000001 1 0 " } else { "# offset: 5000000 0 0 " };
+        assert_eq!(text.contains(offset), is_moved, "{set}: {text}");
+        assert_eq!(text.contains("# crs EPSG:32633"), set == "beside", "{set}: {text}");
+        let last = match set {
+            "t" => "v 1 0 0",
+            "beside" => "v 2 1 0",
+            _ => "v 5000002 1 0",
+        };
+        assert!(text.contains(last) && text.matches("\nv ").count() == 6, "{set}: {text}");
+    }
+    // One that says no offset could lie anywhere, and one of another system somewhere else.
+    square("mixed/a.obj", [0, 0]);
+    std::fs::copy(at.join("t/b.ply"), at.join("mixed/b.ply")).unwrap();
+    let said = expect(at, "convert mixed/a.obj mixed/b.ply no.ply", 4);
     assert!(said.contains("b.ply") && said.contains("another place"), "{said}");
-    expect(at, "convert a.obj b.obj out.ply", 0);
+    for (name, code) in [("a", 32633), ("b", 32632)] {
+        std::fs::write(at.join(format!("beside/{name}.prj")), format!("EPSG:{code}")).unwrap();
+    }
+    let said = expect(at, "convert beside no.ply", 4);
+    assert!(said.contains("EPSG:32632") && said.contains("not EPSG:32633"), "{said}");
 }
 
 #[test]

@@ -126,6 +126,83 @@ fn an_offset_is_subtracted_and_written_down() {
     assert!(head.contains(&format!("comment {wanted}")), "{head}");
 }
 
+/// The notes of `info` on the place of a mesh.
+fn place_of(folder: &Path, file: &str) -> String {
+    let output = run(folder, &format!("info --json {file}"));
+    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let notes = found["notes"].as_array().unwrap().iter().filter_map(|note| note.as_str());
+    let notes: Vec<&str> = notes.filter(|note| note.starts_with("lies at")).collect();
+    notes.join("; ")
+}
+
+/// Files of other programs beside a mesh say where it lies; results say it themselves, in every format.
+#[test]
+fn a_place_that_files_beside_name_is_carried() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    tower(folder, "float", [0.0; 3]);
+    let xml = "<ModelMetadata><SRS>EPSG:32633</SRS><SRSOrigin>500400,4600200,100</SRSOrigin></ModelMetadata>";
+    std::fs::write(folder.join("metadata.xml"), xml).unwrap();
+    let lies_at = |file: &str| place_of(folder, file);
+    let whole = "lies at EPSG:32633, offset 500400 4600200 100";
+    assert_eq!(lies_at("in.ply"), format!("{whole} (metadata.xml)"));
+    for command in [
+        "convert in.ply out.ply",
+        "convert in.ply out.obj",
+        "convert in.ply out.glb",
+        "convert in.ply out.stl",
+        "convert in.ply text.stl --format ascii",
+        "simplify in.ply small.ply --triangles 2",
+        "simplify in.ply grid.glb --method cluster --grid 1",
+    ] {
+        let said = expect(folder, command, 0);
+        assert!(said.contains("metadata.xml"), "{command}: {said}");
+        // The file beside it counts once.
+        assert_eq!(lies_at(command.split(' ').nth(2).unwrap()), whole, "{command}");
+    }
+    let text = std::fs::read(folder.join("out.ply")).unwrap();
+    let text = String::from_utf8_lossy(&text);
+    assert!(text.contains("comment crs EPSG:32633\ncomment offset: 500400 4600200 100 "), "{text}");
+    let said = expect(folder, "tiles in.ply web", 0);
+    assert!(said.contains("metadata.xml"), "{said}");
+    expect(folder, "extract web back.ply --max-error 0", 0);
+    assert_eq!(lies_at("back.ply"), whole);
+    // With what --recentre subtracts, scaled and turned with the mesh, and again from a file that has it.
+    for (words, wanted) in [
+        ("in.ply --translate 7000,0,0 --recentre", "507400 4600210 100"),
+        ("out.glb --translate 7000,0,0 --recentre", "507400 4600210 100"),
+        ("in.ply --scale 2", "1000800 9200400 200"),
+        ("out.stl --up y", "500400 -100 4600200"),
+    ] {
+        let (input, options) = words.split_once(' ').unwrap();
+        expect(folder, &format!("convert {input} moved.ply --force {options}"), 0);
+        assert_eq!(lies_at("moved.ply"), format!("lies at EPSG:32633, offset {wanted}"), "{words}");
+    }
+    // glTF has y upwards, maps have z.
+    std::fs::create_dir(folder.join("up")).unwrap();
+    std::fs::rename(folder.join("metadata.xml"), folder.join("up/metadata.xml")).unwrap();
+    expect(folder, "convert in.ply up/tile.glb --up z", 0);
+    expect(folder, "convert up/tile.glb turned.ply --up y", 0);
+    assert_eq!(lies_at("turned.ply"), whole);
+}
+
+#[test]
+fn a_place_in_comments_of_other_programs_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    tower(folder, "float", [0.0; 3]);
+    let plain = std::fs::read_to_string(folder.join("in.ply")).unwrap();
+    for (comments, wanted) in [
+        ("epsg 32650|offsetx 100.5|offsety 2000|offsetz 10", "EPSG:32650, offset 100.5 2000 10"),
+        ("CRS: EPSG:28992 (Amersfoort / RD New)", "EPSG:28992, offset 0 0 0"),
+        (r#"crs PROJCS["x",AUTHORITY["EPSG","25832"]]"#, "EPSG:25832, offset 0 0 0"),
+    ] {
+        let lines = format!("comment {}\nelement vertex", comments.replace('|', "\ncomment "));
+        std::fs::write(folder.join("other.ply"), plain.replace("element vertex", &lines)).unwrap();
+        assert_eq!(place_of(folder, "other.ply"), format!("lies at {wanted}"), "{comments}");
+    }
+}
+
 #[test]
 fn what_was_placed_belongs_to_a_job() {
     let folder = tempfile::tempdir().unwrap();

@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 use stonecut_system::disk::{open_input, read_regular};
 use stonecut_system::error::{Error, Result};
+use stonecut_system::losses::Loss;
 use stonecut_system::memory::{budget_bytes, limit_bytes};
 use stonecut_system::paths::{Paths, Role};
 
@@ -247,10 +248,32 @@ fn add_file(path: &Path, set: &mut InputSet) -> Result<()> {
     }
 }
 
+/// Meshes of a folder by format, and folders beside them.
+#[derive(Default)]
+struct Looked {
+    by_format: BTreeMap<&'static str, Vec<PathBuf>>,
+    beside: Vec<PathBuf>,
+}
+
 /// Adds all meshes of a folder; where it has none itself, those of the folders in it.
 fn add_folder(folder: &Path, set: &mut InputSet) -> Result<()> {
-    let mut by_format: BTreeMap<&str, Vec<PathBuf>> = BTreeMap::new();
-    look(folder, MOST_DEPTH, &mut by_format)?;
+    let mut looked = Looked::default();
+    look(folder, MOST_DEPTH, &mut looked)?;
+    let Looked { by_format, beside } = looked;
+    for folder in beside {
+        let mut passed = Looked::default();
+        let n = match look(&folder, MOST_DEPTH, &mut passed) {
+            Ok(()) => passed.by_format.values().map(Vec::len).sum(),
+            Err(_) => 0,
+        };
+        if n > 0 {
+            let path = folder.display();
+            let what = format!(
+                "{path}: meshes in it are not read ({n}), since there are some beside it; name it too"
+            );
+            set.losses.lose(Loss::remark(what));
+        }
+    }
     match by_format.len() {
         0 => {
             let what =
@@ -258,8 +281,15 @@ fn add_folder(folder: &Path, set: &mut InputSet) -> Result<()> {
             Err(Error::bad_input(folder, what))
         }
         1 => {
-            let mut files = by_format.into_values().flatten();
-            files.try_for_each(|path| add_file(&path, set))
+            let (files, coarser) = finest_levels(by_format.into_values().flatten().collect());
+            if let Some(path) = coarser.first() {
+                let (n, path) = (coarser.len(), path.display());
+                let what = format!(
+                    "{path}: a coarser level of detail, left out ({n} such in all); name files to have them"
+                );
+                set.losses.lose(Loss::remark(what));
+            }
+            files.iter().try_for_each(|path| add_file(path, set))
         }
         _ => {
             let counts: Vec<String> = by_format
@@ -276,11 +306,30 @@ fn add_folder(folder: &Path, set: &mut InputSet) -> Result<()> {
     }
 }
 
-fn look(
-    folder: &Path,
-    depth: usize,
-    by_format: &mut BTreeMap<&'static str, Vec<PathBuf>>,
-) -> Result<()> {
+/// Files without those that finer ones take the place of, by names as ContextCapture gives them, and these: in
+/// `Tile_+000_+001_L15_0.obj` a level and a place in the tree, to which each finer level appends.
+fn finest_levels(files: Vec<PathBuf>) -> (Vec<PathBuf>, Vec<PathBuf>) {
+    let place = |path: &PathBuf| -> Option<(PathBuf, String, u32)> {
+        let stem = path.file_stem()?.to_str().filter(|stem| stem.starts_with("Tile_"))?;
+        let (tile, node) = stem.rsplit_once("_L").unwrap_or((stem, "0_"));
+        let (level, node) = node.split_once('_')?;
+        Some((path.with_file_name(tile), node.to_owned(), level.parse().ok()?))
+    };
+    let mut known: Vec<_> = files.iter().filter_map(place).collect();
+    known.sort();
+    // Behind a place stand those within it.
+    let is_coarser = |path: &PathBuf| {
+        let Some(own) = place(path) else { return false };
+        let next = known.get(known.partition_point(|other| *other <= own));
+        next.is_some_and(|(tile, node, level)| {
+            *tile == own.0 && node.starts_with(&own.1) && *level > own.2
+        })
+    };
+    let (coarser, finest) = files.into_iter().partition(is_coarser);
+    (finest, coarser)
+}
+
+fn look(folder: &Path, depth: usize, looked: &mut Looked) -> Result<()> {
     let fail = |e| Error::reading(folder, "cannot read the folder", e);
     let mut folders = Vec::new();
     let mut has_meshes = false;
@@ -294,11 +343,13 @@ fn look(
             folders.push(path);
         } else if let Some(format) = format_of(&name) {
             has_meshes = true;
-            by_format.entry(format).or_default().push(path);
+            looked.by_format.entry(format).or_default().push(path);
         }
     }
-    if !has_meshes && depth > 0 {
-        folders.iter().try_for_each(|inner| look(inner, depth - 1, by_format))?;
+    if has_meshes {
+        looked.beside.extend(folders);
+    } else if depth > 0 {
+        folders.iter().try_for_each(|inner| look(inner, depth - 1, looked))?;
     }
     Ok(())
 }

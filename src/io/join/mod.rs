@@ -8,6 +8,7 @@ mod implicit;
 mod inputs;
 mod limits;
 mod looks;
+mod places;
 mod schemas;
 mod sizes;
 mod stage;

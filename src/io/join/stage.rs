@@ -5,6 +5,7 @@
 //! parts differ. Does not join vertices (`weld`).
 
 use super::looks::{Looks, content};
+use super::places::{Places, is_place};
 use super::schemas::{Union, widest};
 use super::sizes::odd_sizes;
 use super::{InputPaths, InputSet, MeshPart};
@@ -17,6 +18,7 @@ use crate::ply::raw::{RawFile, Spool};
 use crate::ply::source::Staged;
 use crate::ply::{FaceSchema, MeshSource, OutputHeader, PartReport, TextureInfo, VertexBlock};
 use crate::restaged::{FaceRows, RowLayout, corner, each_row, face_rows, set_corner, staged_file};
+use crate::sidecars::Georeference;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::sync::Arc;
@@ -59,8 +61,7 @@ struct Gathered {
     known: HashMap<[(u64, u64); 2], usize>,
     reports: Vec<PartReport>,
     boxes: Vec<Bounds>,
-    /// Offset that the first file names, if it does; `None` before there is one.
-    offset: Option<Option<[f64; 3]>>,
+    places: Places,
     n_vertices: u64,
     n_faces: u64,
     given_bytes: u64,
@@ -82,6 +83,8 @@ struct ReadPart {
     bounds: Bounds,
     /// Lengths and checksums of vertices and faces.
     content: [(u64, u64); 2],
+    /// The place that files beside it name.
+    found: Option<Georeference>,
 }
 
 /// Opens all parts and stages them as one mesh; vertices are not joined yet.
@@ -104,8 +107,8 @@ pub(crate) fn stage(
     };
     let mut take = |part: &MeshPart, ahead: Option<ReadPart>| {
         // Large ones are read by themselves, and so are those that went wrong: less memory may have been the reason.
-        let read = ahead.map_or_else(|| read_part(part, options), Ok);
-        match read.and_then(|read| all.add(part, read)) {
+        let read = ahead.map_or_else(|| read_part(part, None, options), Ok);
+        match read.and_then(|read| all.add(part, read, options)) {
             Err(error @ Error::BadInput { .. }) if options.read.skip_bad && set.parts.len() > 1 => {
                 let loss = Loss::new(LossKind::Geometry, "files", "left out: cannot be read");
                 // A part of the surface is not there: as with dropped faces, the command ends with 3.
@@ -124,7 +127,7 @@ pub(crate) fn stage(
             &Progress::default(),
             |i, slot: &mut Option<ReadPart>| {
                 let part = &set.parts[i as usize];
-                *slot = if is_small(part) { read_part(part, &share).ok() } else { None };
+                *slot = if is_small(part) { read_part(part, None, &share).ok() } else { None };
                 Ok(())
             },
             |i, slot| take(&set.parts[i as usize], slot.take()),
@@ -134,8 +137,9 @@ pub(crate) fn stage(
     all.finish(input, set, options)
 }
 
-fn read_part(part: &MeshPart, options: &StageOptions) -> Result<ReadPart> {
-    let source = open(part, options)?;
+/// Reads a part, moved by `shift` in its own axes.
+fn read_part(part: &MeshPart, shift: Option<[f64; 3]>, options: &StageOptions) -> Result<ReadPart> {
+    let (source, found) = open(part, shift, options)?;
     let Some(faces) = face_rows(&source, |v| Ok(v as u32), options)? else {
         let what =
             "a face of more than 127 corners cannot be joined with other files; convert it first";
@@ -148,10 +152,14 @@ fn read_part(part: &MeshPart, options: &StageOptions) -> Result<ReadPart> {
     let borders = OpenBorders::of((&vertices, source.schema()), rows, options)?;
     let sum = |file: &RawFile| content(file, 0, file.len());
     let content = [sum(&vertices)?, sum(&faces.rows)?];
-    Ok(ReadPart { source, vertices, faces, layout, borders, bounds, content })
+    Ok(ReadPart { source, vertices, faces, layout, borders, bounds, content, found })
 }
 
-fn open(part: &MeshPart, options: &StageOptions) -> Result<MeshSource> {
+fn open(
+    part: &MeshPart,
+    shift: Option<[f64; 3]>,
+    options: &StageOptions,
+) -> Result<(MeshSource, Option<Georeference>)> {
     let mut options = options.clone();
     // A tile is turned as its tree says, whatever becomes of the whole.
     let is_tile = !part.placing.is_none();
@@ -161,11 +169,15 @@ fn open(part: &MeshPart, options: &StageOptions) -> Result<MeshSource> {
     if options.read.names == NameUse::Carried {
         options.read.names = NameUse::GivenUp("not carried from several files");
     }
-    let source = open_part(&part.path, part.bytes.clone(), &options)?;
+    shift.into_iter().for_each(|shift| options.read.placing.shift(shift));
+    let mut source = open_part(&part.path, part.bytes.clone(), &options)?;
+    // The place of a tile is that of its tree.
+    let found = if is_tile { None } else { source.locate(&part.path) };
+    source.place(&options.read.placing)?;
     source.require_faces()?;
     // Refuses numbers of more than 32 bits.
     OutputHeader::new(source.schema().clone(), source.n_vertices(), 0).index_type()?;
-    Ok(source)
+    Ok((source, found))
 }
 
 impl Gathered {
@@ -186,7 +198,7 @@ impl Gathered {
             known: HashMap::new(),
             reports: Vec::new(),
             boxes: Vec::new(),
-            offset: None,
+            places: Places::default(),
             n_vertices: 0,
             n_faces: 0,
             given_bytes: 0,
@@ -196,20 +208,11 @@ impl Gathered {
     }
 
     /// Appends a part.
-    fn add(&mut self, part: &MeshPart, read: ReadPart) -> Result<()> {
-        let ReadPart { source, vertices, faces, layout, borders, bounds, content } = read;
-        let offset = source.offset();
-        if *self.offset.get_or_insert(offset) != offset {
-            let words =
-                |offset: Option<[f64; 3]>| offset.map_or("none".to_owned(), |o| format!("{o:?}"));
-            let what = format!(
-                "its coordinates count from another place than those of the files before it (offset {}, not {}); \
-                 write it again without --recentre, or with --translate",
-                words(offset),
-                words(self.offset.flatten())
-            );
-            return Err(Error::bad_input(source.path(), what));
-        }
+    fn add(&mut self, part: &MeshPart, read: ReadPart, options: &StageOptions) -> Result<()> {
+        let shift = self.places.shift(&read.source)?;
+        let read = if shift.is_some() { read_part(part, shift, options)? } else { read };
+        let ReadPart { source, vertices, faces, layout, borders, bounds, content, found } = read;
+        self.places.add(&source, found, shift.is_some());
         if let Some(known) = self.known.get(&content) {
             let (path, known) = (part.path.display(), self.reports[*known].path.as_str());
             let remark = format!("{path}: is the same mesh as {known}, and left out");
@@ -244,7 +247,7 @@ impl Gathered {
         ] {
             // What only some files say is not true of all.
             match all {
-                Some(all) => all.retain(|line| own.contains(line)),
+                Some(all) => all.retain(|line| own.contains(line) || is_place(line)),
                 None => *all = Some(own),
             }
         }
@@ -284,7 +287,12 @@ impl Gathered {
         all.missing_faces += faults.missing_faces;
         all.bad_faces += faults.bad_faces + faces.n_bad;
         self.staged.unreferenced_vertices += source.unreferenced_vertices();
-        self.staged.beside.extend(source.beside().iter().cloned());
+        for path in source.beside() {
+            // Many parts have one file that says the place of all.
+            if self.staged.beside.last() != Some(path) {
+                self.staged.beside.push(path.clone());
+            }
+        }
         source.notes().iter().for_each(|note| self.notes.lose(note.clone()));
         source.losses().entries().iter().for_each(|l| self.staged.losses.lose(l.clone()));
         Ok(())
@@ -312,6 +320,7 @@ impl Gathered {
             let path = first.display();
             remarks.push(format!("{path}: named more than once and taken once ({n} such in all)"));
         }
+        remarks.extend(self.places.remark(&self.reports[0].path));
         for remark in remarks {
             self.notes.lose(Loss::remark(remark));
         }
@@ -324,7 +333,7 @@ impl Gathered {
             properties: self.of_faces.properties.clone(),
         };
         let header = OutputHeader {
-            comments: self.comments.take().unwrap_or_default(),
+            comments: self.places.comments(self.comments.take().unwrap_or_default()),
             obj_infos: self.obj_infos.take().unwrap_or_default(),
             faces: faces.clone(),
             ..OutputHeader::new(schema, self.n_vertices, self.n_faces)
@@ -375,7 +384,9 @@ impl Gathered {
         };
         let mut read = options.read.clone();
         read.temp_dir = Some(options.temp_dir.clone());
-        Ok((MeshSource::from_staged(file, read, staged)?, borders))
+        let mut source = MeshSource::from_staged(file, read, staged)?;
+        self.places.found.iter().for_each(|found| source.note_place(found));
+        Ok((source, borders))
     }
 
     /// Writes the vertices of a part.

@@ -3,6 +3,7 @@
 use super::VertexBlock;
 use super::placed::Placed;
 use super::source::MeshSource;
+use std::path::PathBuf;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::placing::{Placing, offset_in};
 use stonecut_system::error::Result;
@@ -36,7 +37,13 @@ impl MeshSource {
         Ok(())
     }
 
-    /// The offset that was subtracted from the coordinates of the input, now or before.
+    /// Adds comments on the place of the mesh, out of files beside it.
+    pub(crate) fn take_place(&mut self, comments: Vec<String>, files: &[PathBuf]) {
+        self.header.comments.extend(comments);
+        self.staged.beside.extend_from_slice(files);
+    }
+
+    /// The offset that was subtracted from the coordinates of the input, now or before, or that files beside it name.
     pub fn offset(&self) -> Option<[f64; 3]> {
         offset_in(self.comments())
     }

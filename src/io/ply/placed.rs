@@ -2,7 +2,7 @@
 
 use super::VertexBlock;
 use stonecut_mesh::bounds::Bounds;
-use stonecut_mesh::placing::{Placing, offset_comment};
+use stonecut_mesh::placing::{Placing, offset_comment, offset_in, offset_of};
 use stonecut_mesh::property::{Scalar, read_scalar, write_scalar};
 use stonecut_mesh::record::VertexSchema;
 
@@ -59,6 +59,11 @@ impl Placed {
             }
         }
         let mut comments = comments.to_vec();
+        if let Some(turned) = offset_in(&comments).and_then(|offset| placing.vector(offset)) {
+            // An offset is turned and scaled with what it is added to.
+            comments.retain(|comment| offset_of(comment).is_none());
+            comments.push(offset_comment(turned));
+        }
         if placing.recentres {
             comments.push(offset_comment(offset));
         }

@@ -7,6 +7,7 @@ use crate::ply::header::BYTE_ORDER_MARK;
 use crate::ply::raw::RawFile;
 use crate::ply::source::Staged;
 use crate::polygon::PolygonCutter;
+use crate::sidecars::comments_of;
 use crate::text_lines::{Lines, not_a_number, parse_number, words};
 use stonecut_mesh::property::Scalar;
 use stonecut_system::error::Result;
@@ -167,7 +168,7 @@ pub fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawFile, St
                 let name: Vec<_> = name.into_iter().map(String::from_utf8_lossy).collect();
                 let name = name.join(" ");
                 if !ended && !name.is_empty() && comments.len() < 1000 {
-                    comments.push(format!("solid {name}"));
+                    comments.extend(comments_of(format!("solid {name}")));
                 }
                 if !goes_on {
                     break;

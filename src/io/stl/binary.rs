@@ -6,6 +6,7 @@ use super::weld::{FLOATS, FLOATS_BY_FIRST, Welder};
 use crate::open_options::StageOptions;
 use crate::ply::raw::RawFile;
 use crate::ply::source::Staged;
+use crate::sidecars::comments_of;
 use stonecut_system::error::Result;
 use stonecut_system::losses::{Loss, LossKind};
 
@@ -130,8 +131,10 @@ impl Reader<'_> {
             .take_while(|&&b| b != 0)
             .map(|&b| if (32..127).contains(&b) { char::from(b) } else { '?' })
             .collect();
-        let text = Some(text.trim().to_owned()).filter(|t| !t.is_empty());
-        self.comments.extend(text.filter(|_| self.comments.len() < 1000));
+        let text = text.trim();
+        if !text.is_empty() && self.comments.len() < 1000 {
+            self.comments.extend(comments_of(text.to_owned()));
+        }
         Ok(Some(n))
     }
 

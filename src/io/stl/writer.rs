@@ -4,8 +4,8 @@ use crate::ply::lookup::Lookup;
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::writer::Shortest;
 use crate::ply::{Encoding, OutputHeader};
+use crate::sidecars::place_words;
 use std::io::Write;
-use stonecut_mesh::placing::{offset_in, offset_words};
 use stonecut_mesh::vec3::{normal, unit};
 use stonecut_system::disk::folder_of;
 use stonecut_system::error::{Error, Result};
@@ -40,13 +40,13 @@ impl StlWriter {
         };
         let mut out = PendingFile::create(place)?;
         let version = env!("CARGO_PKG_VERSION");
-        let offset = offset_in(&header.comments);
+        let place = place_words(&header.comments);
         if ascii {
-            let name = offset.map_or_else(|| "stonecut".to_owned(), offset_words);
+            let name = if place.is_empty() { "stonecut" } else { &place };
             out.write(format!("solid {name}\n").as_bytes())?;
         } else {
-            let first = offset.map_or_else(String::new, |offset| offset_words(offset) + " ");
-            let mut text = format!("{first}stonecut {version} {}", header.settings).into_bytes();
+            let text = format!("{place} stonecut {version} {}", header.settings);
+            let mut text = text.trim_start().as_bytes().to_vec();
             text.resize(80, 0);
             out.write(&text)?;
             out.write(&n_faces.to_le_bytes())?;

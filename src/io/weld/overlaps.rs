@@ -34,6 +34,14 @@ pub(super) enum Overlap {
     },
 }
 
+/// Vertices to be joined, and what they say of the parts.
+pub(super) struct Joined {
+    pub pairs: Pairs,
+    pub overlap: Overlap,
+    /// Parts of which no vertex is joined.
+    pub alone: Vec<usize>,
+}
+
 impl Overlap {
     /// Share of the vertices at borders from which on it is worth a line.
     pub const WORTH_A_LINE: f64 = 0.1;
@@ -45,13 +53,13 @@ pub(super) fn pairs(
     borders: &OpenBorders,
     found: &Found,
     options: &StageOptions,
-) -> Result<(Pairs, Overlap)> {
+) -> Result<Joined> {
     let boxes = boxes(source, borders, found.distance);
     let (pairs, joined) = joined(source, borders, found, &[], options)?;
-    let Lonely { ids, partners } = lonely(source, borders, (&boxes, joined), options)?;
+    let Lonely { ids, partners, alone } = lonely(source, borders, (&boxes, joined), options)?;
     let (n_inside, n_border) = (ids.len() / 8, borders.n_vertices());
     if n_inside < FEWEST.max((FEW * n_border as f64) as u64) || found.distance <= 0.0 {
-        return Ok((pairs, Overlap::None));
+        return Ok(Joined { pairs, overlap: Overlap::None, alone });
     }
     let mut regions = vec![Vec::new(); boxes.len()];
     for (p, q) in partners {
@@ -65,10 +73,11 @@ pub(super) fn pairs(
         n_found += u64::from(v == other);
         if v <= other { ids.pass()? } else { joined.pass()? }
     }
-    match 2 * n_found >= n_inside {
-        true => Ok((wider, Overlap::Copies)),
-        false => Ok((pairs, Overlap::Other { n_inside, n_border })),
-    }
+    let (pairs, overlap) = match 2 * n_found >= n_inside {
+        true => (wider, Overlap::Copies),
+        false => (pairs, Overlap::Other { n_inside, n_border }),
+    };
+    Ok(Joined { pairs, overlap, alone })
 }
 
 /// Boxes of the parts where they lie now, wider by the distance.
@@ -163,6 +172,8 @@ impl InsideOthers<'_> {
 struct Lonely {
     ids: RawFile,
     partners: BTreeSet<(usize, usize)>,
+    /// Parts that have vertices at borders, none of them with a copy.
+    alone: Vec<usize>,
 }
 
 fn lonely(
@@ -175,15 +186,18 @@ fn lonely(
     let ends = ends_of_parts(source);
     let mut joined = NumberRecords::<1>::new(joined)?;
     let (mut ids, mut partners, mut part) = (options.spool(), BTreeSet::new(), 0);
+    let (mut has_copies, mut has_border) = (vec![false; boxes.len()], vec![false; boxes.len()]);
     borders.each_vertex(source, |v, place| {
         while joined.next().is_some_and(|[other]| other < v) {
             joined.pass()?;
         }
-        if joined.next() == Some([v]) {
-            return Ok(());
-        }
         while ends[part] <= v {
             part += 1;
+        }
+        has_border[part] = true;
+        if joined.next() == Some([v]) {
+            has_copies[part] = true;
+            return Ok(());
         }
         let mut is_inside = false;
         for &other in near[part].iter().filter(|&&other| holds(&boxes[other], place)) {
@@ -192,7 +206,8 @@ fn lonely(
         }
         if is_inside { ids.write(&v.to_le_bytes()) } else { Ok(()) }
     })?;
-    Ok(Lonely { ids: ids.finish(source.path())?, partners })
+    let alone = (0..boxes.len()).filter(|&i| has_border[i] && !has_copies[i]).collect();
+    Ok(Lonely { ids: ids.finish(source.path())?, partners, alone })
 }
 
 /// Of each box those that it meets.

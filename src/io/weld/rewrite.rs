@@ -7,7 +7,7 @@
 use super::edits::Edits;
 use super::neighbours::{ITSELF_LAST, Neighbours, Pairs};
 use super::numbers::{Numbers, Rest};
-use super::overlaps::{self, Overlap};
+use super::overlaps::{self, Joined, Overlap};
 use super::splits;
 use super::survey::{Found, each_position};
 use crate::borders::OpenBorders;
@@ -61,9 +61,13 @@ fn join_records<const N: usize>(
     options: &StageOptions,
 ) -> Result<MeshSource> {
     let memory_bytes = (options.memory_bytes / 3) as usize;
-    let (pairs, overlap) = match borders {
+    let Joined { pairs, overlap, alone } = match borders {
         Some(borders) => overlaps::pairs(&source, borders, found, options)?,
-        None => (pairs(&source, found, memory_bytes, options)?, Overlap::None),
+        None => Joined {
+            pairs: pairs(&source, found, memory_bytes, options)?,
+            overlap: Overlap::None,
+            alone: Vec::new(),
+        },
     };
     let (by_first, all, joined) = by_first::<N>(&source, pairs, how, memory_bytes, options)?;
     if joined == 0 {
@@ -109,13 +113,30 @@ fn join_records<const N: usize>(
         notes: Vec::new(),
     };
     match borders {
-        Some(_) => report.notes.extend(edits.notes(overlap)),
+        Some(_) => {
+            report.notes.extend(edits.notes(overlap));
+            report.notes.extend(note_alone(&alone, &source));
+        }
         None => report.notes.push(note(&report, &source)),
     }
     let schema = source.schema().clone();
     restage(source, schema, (n_vertices, vertices), faces, options, |staged| {
         staged.weld = Some(report);
     })
+}
+
+/// A line on parts that fit to none of the others, if they are few.
+fn note_alone(alone: &[usize], source: &MeshSource) -> Option<String> {
+    let parts = source.parts();
+    let first = alone.first().filter(|_| 4 * alone.len() <= parts.len())?;
+    let path = &parts[*first].path;
+    let more = match alone.len() {
+        1 => String::new(),
+        n => format!(" ({n} such in all)"),
+    };
+    Some(format!(
+        "{path}: no vertex of it lies at one of the other files{more}: if it belongs to them, its units, axes or offset are others"
+    ))
 }
 
 /// Each vertex that joins another: its number, that one's, and the position of both: ten words.

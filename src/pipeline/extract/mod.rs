@@ -111,7 +111,7 @@ fn run(config: &ExtractConfig, progress: &Progress) -> Result<Extracted> {
         (joined, reached) = finish(joined, &rows, target, fine);
     }
     progress.check()?;
-    let (bytes, losses) = write(config, &joined, &rows, tree.step)?;
+    let (bytes, losses) = write(config, &joined, &rows, &tree)?;
     progress.lose_all(&losses);
     if tree.has_normals {
         let loss = Loss::new(LossKind::Normals, "normals", "not carried from tiles").notice();
@@ -216,17 +216,17 @@ fn finish(
     (JoinedTiles { mesh: done.mesh, has_colours, records }, reached)
 }
 
-/// Writes the mesh; returns the bytes of the file, and what it has no place for. `step`: of the finest lattice.
+/// Writes the mesh; returns the bytes of the file, and what it has no place for.
 fn write(
     config: &ExtractConfig,
     joined: &JoinedTiles,
     rows: &Rows,
-    step: f64,
+    tree: &Tree,
 ) -> Result<(u64, Ledger)> {
     let JoinedTiles { mesh, has_colours, records: old } = joined;
     let largest = mesh.positions.iter().flatten().fold(0.0f64, |most, x| most.max(x.abs()));
     // Floats where they hold half a step of the lattice.
-    let fits = largest * f64::from(f32::EPSILON) <= step;
+    let fits = largest * f64::from(f32::EPSILON) <= tree.step;
     let mut properties = Vec::new();
     if *has_colours {
         properties = ["red", "green", "blue"].map(|name| Property::new(name, Scalar::U8)).to_vec();
@@ -238,6 +238,7 @@ fn write(
     let (n_vertices, n_faces) = (mesh.positions.len() as u64, mesh.triangles.len() as u64);
     let mut header = OutputHeader::new(schema.clone(), n_vertices, n_faces);
     header.settings = "extract".to_owned();
+    header.comments.clone_from(&tree.comments);
     let mut sink = MeshSink::create(config.output.as_path(), header, config.format)?;
     let (mut records, mut row) = (Vec::new(), Vec::new());
     let (unused, n) = (rows.schema.position_bytes(), rows.row_bytes());

@@ -6,8 +6,10 @@
 
 use crate::error::{Error, Result};
 use crate::io::TileScalar;
+use crate::io::sidecars::crs_in;
 use crate::io::tileset::{FILE_NAME, MOST_FILE_BYTES, Tile, Volume, read_tileset, resolve};
 use crate::mesh::bounds::Bounds;
+use crate::mesh::placing::offset_comment;
 use crate::system::disk::read_regular;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -46,6 +48,8 @@ pub(super) struct Tree {
     pub(super) nodes: Vec<Node>,
     /// Finer levels first.
     groups: Vec<TileGroup>,
+    /// Comments on the place of the mesh.
+    pub(super) comments: Vec<String>,
     /// Place of coordinate 0 of the lattice.
     pub(super) origin: [f64; 3],
     /// Length of a step of level 0.
@@ -76,6 +80,15 @@ pub(super) struct TreeCut {
     pub(super) is_coarser: bool,
 }
 
+/// Comments on the place of a mesh, out of the facts of its tree.
+fn place_comments(facts: &serde_json::Value) -> Vec<String> {
+    let numbers = facts["offset"].as_array().into_iter().flatten().map_while(|x| x.as_f64());
+    let offset: Option<[f64; 3]> = numbers.collect::<Vec<f64>>().try_into().ok();
+    let crs = facts["crs"].as_str().and_then(|crs| crs_in(&[format!("crs {crs}")]));
+    let crs = crs.filter(|crs| !crs.is_empty()).map(|crs| format!("crs {crs}"));
+    crs.into_iter().chain(offset.map(offset_comment)).collect()
+}
+
 impl Tree {
     /// Reads the JSON of a tree. Errors: `BadInput` if there is none of this program.
     pub(super) fn read(folder: &Path) -> Result<Tree> {
@@ -102,7 +115,9 @@ impl Tree {
         let mut reader = TreeReader { folder, is_z_up, nodes: Vec::new(), facts: BTreeMap::new() };
         reader.tile(FILE_NAME, &set.root, (None, 0))?;
         let has_normals = facts["normals"].as_str() == Some("given");
-        let mut tree = Tree { origin: [x, y, z], step, has_normals, scalars, ..Tree::default() };
+        let comments = place_comments(&set.extras["stonecut"]);
+        let origin = [x, y, z];
+        let mut tree = Tree { comments, origin, step, has_normals, scalars, ..Tree::default() };
         let TreeReader { mut nodes, facts, .. } = reader;
         let numbers: BTreeMap<(u32, u32), usize> = facts.keys().copied().zip(0..).collect();
         tree.groups = facts

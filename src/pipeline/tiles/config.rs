@@ -39,15 +39,6 @@ pub enum TileTexture {
     Colors,
 }
 
-/// A place on the earth by a coordinate reference system.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MapPlace {
-    /// `EPSG:n`.
-    pub code: String,
-    /// Added to the coordinates of the mesh.
-    pub offset: [f64; 3],
-}
-
 /// A run of `tiles`.
 #[derive(Clone, Debug)]
 pub struct TilesConfig {
@@ -69,8 +60,9 @@ pub struct TilesConfig {
     pub is_z_up: bool,
     /// From the frame of the mesh, z upwards, to that of the world; by columns.
     pub transform: [f64; 16],
-    /// The coordinate reference system of the mesh, which takes the place of `transform`.
-    pub crs: Option<MapPlace>,
+    /// The coordinate reference system of the mesh, which takes the place of `transform`: `EPSG:n`, or `ENU:LAT,LON` for east and
+    /// north at a place. The offset that the mesh names is added to its coordinates.
+    pub crs: Option<String>,
     /// Write a page that shows the tree.
     pub viewer: bool,
     /// Memory budget in bytes.
@@ -152,8 +144,8 @@ impl TilesConfig {
             ("viewer".to_owned(), self.viewer.to_string()),
         ]);
         // Left out where nothing was asked for, so that jobs of earlier builds are continued.
-        if let Some(MapPlace { code, offset: [x, y, z] }) = &self.crs {
-            settings.insert("crs".to_owned(), format!("{code}, offset {x} {y} {z}"));
+        if let Some(code) = &self.crs {
+            settings.insert("crs".to_owned(), code.clone());
         }
         if !self.placing.is_none() {
             settings.insert("placing".to_owned(), self.placing.setting());

@@ -17,7 +17,7 @@ mod viewer;
 mod world;
 
 use config::NAMED;
-pub use config::{Finest, MapPlace, TILE_TRIANGLES, TileTexture, TilesConfig};
+pub use config::{Finest, TILE_TRIANGLES, TileTexture, TilesConfig};
 pub use plan::{PreparedTiles, TilesPlan, prepare_tiles};
 
 use super::concluded::{abandon, is_final};
@@ -200,9 +200,8 @@ fn run(
         } }),
         tiles,
     };
-    if let Some(place) = &config.crs {
-        tree.extras["stonecut"]["crs"] = json!(place.code);
-        tree.extras["stonecut"]["crs_offset"] = json!(place.offset);
+    if let Some(code) = &config.crs {
+        tree.extras["stonecut"]["crs"] = json!(code);
     }
     if let Some(offset) = source.offset() {
         tree.extras["stonecut"]["offset"] = json!(offset);

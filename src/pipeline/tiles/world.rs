@@ -3,8 +3,9 @@
 
 use super::TilesConfig;
 use crate::error::{Error, Result};
-use crate::io::globe::Crs;
+use crate::io::globe::{Crs, east_north_up_of};
 use crate::mesh::bounds::Bounds;
+use crate::mesh::placing::Placing;
 use crate::system::losses::{Loss, LossKind};
 
 /// Distances from the true place, in metres, that are not worth a line.
@@ -16,11 +17,16 @@ pub(super) fn world(
     bounds: &Bounds,
     offset: Option<[f64; 3]>,
 ) -> Result<([f64; 16], Vec<Loss>)> {
-    let Some(place) = &config.crs else { return Ok((config.transform, Vec::new())) };
-    let crs = Crs::of(&place.code).map_err(Error::Usage)?;
-    let own = offset.unwrap_or_default();
-    let offset = [0, 1, 2].map(|k| own[k] + place.offset[k]);
-    let bounds = if config.is_z_up { *bounds } else { bounds.map(|[x, y, z]| [x, -z, y]) };
+    let Some(code) = &config.crs else { return Ok((config.transform, Vec::new())) };
+    let up = |[x, y, z]: [f64; 3]| if config.is_z_up { [x, y, z] } else { [x, -z, y] };
+    let (bounds, offset) = (bounds.map(up), up(offset.unwrap_or_default()));
+    if let Some(map) = east_north_up_of(code) {
+        let mut placing = Placing::default();
+        placing.shift(offset);
+        placing.then(&map);
+        return Ok((placing.columns(), Vec::new()));
+    }
+    let crs = Crs::of(code).map_err(Error::Usage)?;
     let frame = crs.frame(&bounds, offset).map_err(|what| {
         let advice = "give the code that its coordinates are of, and --translate or a file beside it for an offset";
         Error::bad_input(&config.input, format!("{what}; {advice}"))
