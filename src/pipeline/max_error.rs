@@ -52,8 +52,8 @@ const FIRST_STAGES: [&str; 5] =
     ["partition", "components", "has area", "channel lengths", "round 0"];
 
 /// Samples a side where the measurement was not asked for: the certificate finds the farthest place, and these give the
-/// mean to half a percent.
-const SAMPLES: u64 = 100_000;
+/// root mean square to a percent.
+const SAMPLES: u64 = 25_000;
 
 /// A trial as the job records it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -8,7 +8,41 @@ use stonecut_mesh::vec3::sub;
 /// Triangles around one vertex that are looked at: their number has a bit each.
 const MOST_FACES: usize = 64;
 
-/// The triangles around a vertex of the input, as they were loaded last.
+/// Fans that are kept loaded; a power of two. Edges around one survivor are looked at from the same vertex.
+const KEPT: usize = 32;
+
+/// The triangles around some vertices of the input; one of them was asked for last.
+#[derive(Clone)]
+pub(super) struct Fans {
+    /// Placed by the last bits of the vertex.
+    fans: Vec<Fan>,
+    last: usize,
+}
+
+impl Default for Fans {
+    fn default() -> Fans {
+        Fans { fans: vec![Fan::default(); KEPT], last: 0 }
+    }
+}
+
+impl Fans {
+    /// The triangles around a vertex; `limit`, always the same, is how far a point may be from the original.
+    #[inline(always)]
+    pub(super) fn load<L: Lanes>(&mut self, input: &Input, centre: u32, limit: f32) -> &Fan {
+        self.last = centre as usize % KEPT;
+        let fan = &mut self.fans[self.last];
+        fan.load::<L>(input, centre, limit);
+        fan
+    }
+
+    /// The fan that was asked for last.
+    #[inline(always)]
+    pub(super) fn last(&self) -> &Fan {
+        &self.fans[self.last]
+    }
+}
+
+/// The triangles around a vertex of the input.
 #[derive(Clone)]
 pub(super) struct Fan {
     /// The vertex.
@@ -57,9 +91,9 @@ pub(super) struct FoundFace {
 }
 
 impl Fan {
-    /// Loads the triangles around a vertex, unless they are loaded; `limit` is how far a point may be from the original.
+    /// Loads the triangles around a vertex, unless they are loaded.
     #[inline(always)]
-    pub(super) fn load<L: Lanes>(&mut self, input: &Input, centre: u32, limit: f32) {
+    fn load<L: Lanes>(&mut self, input: &Input, centre: u32, limit: f32) {
         if self.centre == centre {
             return;
         }

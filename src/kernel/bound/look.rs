@@ -7,6 +7,7 @@ use super::between::sine_to_mean;
 use super::input::NONE;
 use super::scratch::{Eight, Patch, REFUSED_SHIFT, Refused, Scratch};
 use super::tracker::Tracker;
+use crate::simd::unchecked::prefetch;
 use crate::simd::{Job, Lanes};
 use crate::surface::Surface;
 use crate::surface::faces::{Face, Search};
@@ -139,6 +140,9 @@ impl Tracker {
         let mut nearest = (f32::INFINITY, NONE);
         let mut eight = Eight::default();
         for &t in patch.ids {
+            prefetch(&self.input.witnesses, self.head[t as usize]);
+        }
+        for &t in patch.ids {
             let first = self.head[t as usize];
             if first != NONE && !self.hold_one::<L>(first, place, &mut eight, &mut nearest, scratch)
             {
@@ -169,6 +173,8 @@ impl Tracker {
         scratch: &mut Scratch,
     ) -> bool {
         let witness = &self.input.witnesses[id as usize];
+        // The next one of its triangle is wanted soon.
+        prefetch(&self.input.witnesses, witness.next);
         let relative = sub(witness.at, place);
         for (points, relative) in eight.points.iter_mut().zip(relative) {
             points[eight.n] = relative;

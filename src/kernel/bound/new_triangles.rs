@@ -1,6 +1,6 @@
 //! The new triangles as seen from the input: the survivor, points on open and on sharp edges, points within folded faces.
 
-use super::fan::Fan;
+use super::fan::Fans;
 use super::input::NONE;
 use super::scratch::{Patch, Scratch};
 use super::tracker::Tracker;
@@ -34,7 +34,7 @@ impl Tracker {
         nearest: u32,
         scratch: &mut Scratch,
     ) -> bool {
-        if !self.is_near::<L>(place, nearest, &mut scratch.fan) {
+        if !self.is_near::<L>(place, nearest, &mut scratch.fans) {
             return false;
         }
         for &(w, _) in patch.open {
@@ -127,33 +127,33 @@ impl Tracker {
             if !self.is_reached::<L>(point, from, scratch) {
                 return false;
             }
-            let centre = self.input.witnesses[scratch.fan.centre as usize];
-            let around =
-                2.0 * (self.limit - self.input.behind(scratch.fan.centre) + centre.longest);
+            let fan = scratch.fans.last();
+            let centre = self.input.witnesses[fan.centre as usize];
+            let around = 2.0 * (self.limit - self.input.behind(fan.centre) + centre.longest);
             let span = around.min(length - seen);
             let start = sub(point, centre.at);
             let step = edge.map(|x| span / (8.0 * length) * x);
-            let mut near = scratch.fan.reaching::<L>(start);
+            let mut near = fan.reaching::<L>(start);
             let mut proven = 0;
             for i in 1..=8 {
                 let share = i as f32;
                 let ahead = std::array::from_fn(|k| start[k] + share * step[k]);
-                let reaching = scratch.fan.reaching::<L>(ahead);
+                let reaching = fan.reaching::<L>(ahead);
                 if near & reaching == 0 {
                     break;
                 }
                 (near, proven) = (reaching, i);
             }
-            from = scratch.fan.centre;
+            from = fan.centre;
             seen += (proven as f32 / 8.0 * span).max(least);
         }
         true
     }
 
-    /// True if a triangle of the input within the bound of a point is found; the fan that it is in is left loaded.
+    /// True if a triangle of the input within the bound of a point is found; the fan that it is in is the last one.
     #[inline(always)]
     fn is_reached<L: Lanes>(&self, point: [f32; 3], from: u32, scratch: &mut Scratch) -> bool {
-        let found = self.input.nearest::<L>(point, from, self.limit, &mut scratch.fan);
+        let found = self.input.nearest::<L>(point, from, self.limit, &mut scratch.fans);
         if found.distance_sq.sqrt() + found.before <= self.limit {
             return true;
         }
@@ -162,7 +162,7 @@ impl Tracker {
         if other == NONE {
             return false;
         }
-        let found = self.input.nearest::<L>(point, other, self.limit, &mut scratch.fan);
+        let found = self.input.nearest::<L>(point, other, self.limit, &mut scratch.fans);
         found.distance_sq.sqrt() + found.before <= self.limit
     }
 
@@ -186,19 +186,19 @@ impl Tracker {
     #[inline(always)]
     pub(super) fn is_near_some<L: Lanes>(&self, point: [f32; 3], scratch: &mut Scratch) -> bool {
         let from = self.nearest_witness(point, scratch);
-        from == NONE || self.is_near::<L>(point, from, &mut scratch.fan)
+        from == NONE || self.is_near::<L>(point, from, &mut scratch.fans)
     }
 
     /// True if a point is near the input, found from a witness.
     #[inline(always)]
-    fn is_near<L: Lanes>(&self, point: [f32; 3], from: u32, fan: &mut Fan) -> bool {
+    fn is_near<L: Lanes>(&self, point: [f32; 3], from: u32, fans: &mut Fans) -> bool {
         let witness = &self.input.witnesses[from as usize];
         let relative = sub(point, witness.at);
         let room = self.limit - self.input.behind(from);
         if room >= 0.0 && dot(relative, relative) <= room * room {
             return true;
         }
-        let found = self.input.nearest::<L>(point, from, self.limit, fan);
+        let found = self.input.nearest::<L>(point, from, self.limit, fans);
         found.distance_sq.sqrt() + found.before <= self.limit
     }
 }

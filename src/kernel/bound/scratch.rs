@@ -1,6 +1,6 @@
 //! One collapse as it is looked at: the triangles around it, and what is noted until it is carried out.
 
-use super::fan::Fan;
+use super::fan::Fans;
 use super::input::NONE;
 use crate::surface::faces::Face;
 use stonecut_mesh::vec3::Vec3;
@@ -43,8 +43,8 @@ pub(super) const MOST_REFUSED: usize = 1 << (32 - REFUSED_SHIFT);
 #[derive(Clone, Default)]
 pub(crate) struct Scratch {
     pub(super) faces: Vec<Face>,
-    /// Of the input, around a witness.
-    pub(super) fan: Fan,
+    /// Of the input, around witnesses.
+    pub(super) fans: Fans,
     pub(super) witnesses: Vec<u32>,
     /// Longest edge of the input at any of them.
     pub(super) longest: f32,

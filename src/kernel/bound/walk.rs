@@ -1,6 +1,6 @@
 //! Distances of points from the input: a walk from a vertex nearby.
 
-use super::fan::Fan;
+use super::fan::Fans;
 use super::input::Input;
 use crate::simd::Lanes;
 use stonecut_mesh::vec3::{dot, sub};
@@ -9,19 +9,19 @@ use stonecut_mesh::vec3::{dot, sub};
 const MAX_STEPS: usize = 16;
 
 impl Input {
-    /// Place of the input near a point, found by walking downhill from a witness. The fan that it lies in is left loaded.
+    /// Place of the input near a point, found by walking downhill from a witness. The fan that it lies in is the last one.
     #[inline(always)]
     pub(super) fn nearest<L: Lanes>(
         &self,
         point: [f32; 3],
         from: u32,
         limit: f32,
-        fan: &mut Fan,
+        fans: &mut Fans,
     ) -> Nearest {
         let mut at = from;
         let mut best = Nearest { distance_sq: f32::INFINITY, before: 0.0 };
         for _ in 0..MAX_STEPS {
-            fan.load::<L>(self, at, limit);
+            let fan = fans.load::<L>(self, at, limit);
             let found = fan.nearest::<L>(sub(point, self.witnesses[at as usize].at));
             let is_nearer = found.distance_sq < best.distance_sq;
             if !is_nearer {

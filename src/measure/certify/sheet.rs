@@ -52,10 +52,13 @@ impl Neighbours {
             let [a, b, c] = corners(slot);
             [[a, b], [b, c], [c, a]].map(|[v, w]| (v.min(w), v.max(w)))
         };
-        // Edges by the lesser of their ends.
+        // Edges by the lesser of their ends; for their number it does not count which corner is the first.
         let mut ends = vec![0u32; mesh.positions.len() + 1];
         for slot in slots.clone() {
-            edges(slot).iter().for_each(|(low, _)| ends[*low as usize] += 1);
+            let [a, b, c] = mesh.triangles[tree.id(slot) as usize];
+            for low in [a.min(b), b.min(c), c.min(a)] {
+                ends[low as usize] += 1;
+            }
         }
         let mut sum = 0;
         for end in &mut ends {
@@ -248,24 +251,22 @@ impl<'a> Sheets<'a> {
     fn show(&self, frame: &Frame, taken: SheetTriangle) -> ([Shown; 3], usize) {
         let corners = self.tree.corners(taken.slot);
         let Some(known) = self.shown.get(taken.from as usize) else {
-            return (corners.map(|corner| frame.show(corner)), 3);
+            return ([frame.show(corners[0]), frame.show(corners[1]), frame.show(corners[2])], 3);
         };
         let before = self.tree.corners(self.sheet[taken.from as usize].slot);
         let [i, j] = [usize::from(taken.side), (usize::from(taken.side) + 1) % 3];
+        // No closures: they are not inlined here.
         let (mut new, mut n_known) = (0, 0);
-        let shown = std::array::from_fn(|k| {
-            let corner = corners[k];
-            if corner == before[i] {
-                n_known += 1;
-                return known[i];
+        let mut shown = *known;
+        for k in 0..3 {
+            if corners[k] == before[i] {
+                (shown[k], n_known) = (known[i], n_known + 1);
+            } else if corners[k] == before[j] {
+                (shown[k], n_known) = (known[j], n_known + 1);
+            } else {
+                (shown[k], new) = (frame.show(corners[k]), k);
             }
-            if corner == before[j] {
-                n_known += 1;
-                return known[j];
-            }
-            new = k;
-            frame.show(corner)
-        });
+        }
         (shown, if n_known == 2 { (new + 1) % 3 } else { 3 })
     }
 
