@@ -3,9 +3,9 @@
 //! A block is at most `BLOCK_TRIANGLES` triangles of one region of space, so the memory of making charts (`flatten`) does
 //! not grow with the result. Charts end where blocks do. Packing is in `packing`. Knows nothing of the original.
 
+use super::density::Density;
 use super::flatten::{FLATTEN_BYTES, Flat, flatten};
 use super::grid::area;
-use super::original::Density;
 use super::packing::{Wanted, pack};
 use super::settings::{Corner, Means, NONE, Options};
 use std::path::Path;

@@ -8,6 +8,7 @@
 
 mod candidates;
 mod charts;
+mod density;
 mod directions;
 mod flatten;
 mod grid;
@@ -19,32 +20,37 @@ mod original;
 mod outline;
 mod overlaps;
 mod packing;
+mod page_kind;
 mod pages;
 mod patches;
 mod projected;
 mod sectors;
 mod settings;
+mod sheets;
 mod texels;
 mod tiles;
 mod vertex_colours;
 
 use charts::Charts;
+use directions::STRAIGHT_PIXEL;
 use nearest::CellCache;
-pub use need::{BakeNeed, check, has_images, has_looks};
+pub use need::{BakeNeed, check, has_images, has_looks, has_normal_maps};
 use need::{CANVAS_SHARE, CELL_SHARE, FRAME_BYTES, IMAGE_SHARE, POINT_SHARE};
 use need::{free_bytes, least_work_bytes};
 use original::Original;
-pub use pages::Page;
-use pages::{Canvas, PageKind};
+use page_kind::PageKind;
+pub use page_kind::{Page, Sheet, SheetPages};
+use pages::Canvas;
 use serde::{Deserialize, Serialize};
 use settings::NormalReport;
-pub use settings::{BakeReport, Corner, Means, NormalSource, Options, TANGENT_BYTES};
+pub use settings::{BakeReport, Corner, MapReport, Means, NormalSource, Options, TANGENT_BYTES};
 use std::path::{Path, PathBuf};
+use stonecut_io::materials::MapKind;
 use stonecut_io::ply::MeshSource;
 use stonecut_measure::load;
 use stonecut_mesh::Mesh;
-pub use stonecut_render::texture::Finish;
-use stonecut_render::texture::{ImageCache, Palette, Purpose};
+pub use stonecut_render::texture::{Finish, WantedMaps};
+use stonecut_render::texture::{ImageCache, SEEN, SURFACE};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::memory::BASE_BYTES;
 use stonecut_system::units::{memory_word, show_bytes};
@@ -65,6 +71,9 @@ pub struct Baked {
     /// Normal maps of the pages; empty where none are wanted.
     #[serde(default)]
     pub normals: Vec<Page>,
+    /// Pages besides these, in the same places.
+    #[serde(default)]
+    pub maps: Vec<SheetPages>,
     /// Tangents of the result's corners, beside normal maps: records of `TANGENT_BYTES`, one a triangle.
     #[serde(default)]
     pub tangents: Option<PathBuf>,
@@ -100,7 +109,7 @@ pub fn bake(
     let taken = load::bytes_in_memory(shape)
         + Charts::bytes(n_triangles)
         + if options.normals { FRAME_BYTES * n_triangles } else { 0 };
-    let palette = Palette::new(original.materials().map(|all| &**all), Purpose::Bake);
+    let palette = options.palette(&original);
     let least = least_work_bytes(&palette);
     let free_bytes = free_bytes(n_triangles, (taken, least), means.memory_bytes)?;
     let loaded = load::load(shape, means.threads, progress)?;
@@ -140,13 +149,20 @@ pub fn bake(
     let mut losses = original.losses(&palette);
     // Texels are counted twice: when they are filled, and when their page is made an image, which is a fraction of the work.
     let n_filled = FILL_WEIGHT * charts.n_covered();
-    let n_canvases = u64::from(original.has_looks()) + u64::from(options.normals);
-    progress.count_from_zero(n_filled + n_canvases * charts.n_texels());
+    let (has_emission, has_surface) = (palette.has_emission(), palette.has_surface());
+    let wanted = [original.has_looks(), options.normals, has_emission, has_surface];
+    let is_apart = has_surface && !options.beside.occlusion;
+    let n_images = wanted.into_iter().chain([is_apart]).map(u64::from).sum::<u64>();
+    progress.count_from_zero(n_filled + n_images * charts.n_texels());
     let most_bytes = free_bytes / CANVAS_SHARE;
     let empty = || Canvas::new(&charts.pages, means.temp_dir, means.disk, most_bytes);
     let canvas = |is_wanted: bool| is_wanted.then(empty).transpose();
-    let mut canvases =
-        Canvases { colours: canvas(original.has_looks())?, normals: canvas(options.normals)? };
+    let mut canvases = Canvases {
+        colours: canvas(original.has_looks())?,
+        normals: canvas(options.normals)?,
+        emission: canvas(has_emission)?,
+        surface: canvas(has_surface)?,
+    };
     let cache = ImageCache::new(&palette, free_bytes / IMAGE_SHARE);
     let seen = texels::fill(
         &texels::Scene {
@@ -169,9 +185,9 @@ pub fn bake(
     )?;
     canvases.count();
     losses.merge(&cache.losses());
-    let kind = match palette.is_photographic() && !seen.has_alpha {
-        true => PageKind::Jpeg,
-        false => PageKind::Png,
+    let colours_in = |kinds: &[MapKind], is_opaque: bool| match is_opaque {
+        true if palette.is_photographic(kinds) => PageKind::Jpeg,
+        _ => PageKind::Png,
     };
     let corners = place.join(format!("{name}-corners.part"));
     charts.write(&corners, means.disk)?;
@@ -182,13 +198,38 @@ pub fn bake(
     let source = original.normal_source();
     let holds_vertex_colours = original.has_colours() && !palette.has_images();
     drop((original, cache));
-    let finish = |canvas: Option<Canvas>, kind: PageKind, name: &str| match canvas {
-        Some(canvas) => canvas.finish(kind, (place, name), means),
-        None => Ok((Vec::new(), 0)),
+    let finish = |canvas: Option<Canvas>, rest: Option<[u8; 4]>, kinds: &[(PageKind, &str)]| {
+        let named = |(kind, end): &(PageKind, &str)| (*kind, format!("{name}{end}"));
+        let kinds: Vec<_> = kinds.iter().map(named).collect();
+        match canvas {
+            Some(canvas) => canvas.finish(&kinds, rest, place, means),
+            None => Ok((vec![Vec::new(); kinds.len()], 0)),
+        }
     };
-    let (pages, of_colours) = finish(canvases.colours, kind, name)?;
-    let (maps, of_normals) =
-        finish(canvases.normals, PageKind::Directions, &format!("{name}-normals"))?;
+    let colours = [(colours_in(&SEEN, !seen.has_alpha), "")];
+    let (mut pages, of_colours) = finish(canvases.colours, None, &colours)?;
+    let pages = pages.pop().unwrap_or_default();
+    let directions = PageKind::of_numbers(palette.is_photographic(&[MapKind::Normal]), None);
+    let directions = [(directions, "-normals")];
+    let (mut normal_maps, of_normals) =
+        finish(canvases.normals, Some(STRAIGHT_PIXEL), &directions)?;
+    let normal_maps = normal_maps.pop().unwrap_or_default();
+    let sheets: &[Sheet] = match (options.beside.occlusion, palette.has_occlusion()) {
+        (true, true) => &[Sheet::ShadedSurface],
+        (true, false) => &[Sheet::Surface],
+        (false, _) => &[Sheet::Roughness, Sheet::Metallic],
+    };
+    let is_photographic = palette.is_photographic(&SURFACE);
+    let kind_of =
+        |sheet: &Sheet| (PageKind::of_numbers(is_photographic, sheet.channel()), sheet.suffix());
+    let kinds: Vec<_> = sheets.iter().map(kind_of).collect();
+    let (surface, _) = finish(canvases.surface, None, &kinds)?;
+    let light = [(colours_in(&[MapKind::Emissive], true), Sheet::Emission.suffix())];
+    let (emission, _) = finish(canvases.emission, None, &light)?;
+    let maps =
+        sheets.iter().copied().zip(surface).chain([Sheet::Emission].into_iter().zip(emission));
+    let maps = maps.filter(|(_, pages)| !pages.is_empty());
+    let maps: Vec<SheetPages> = maps.map(|(sheet, pages)| SheetPages { sheet, pages }).collect();
     let bytes_of = |pages: &[Page]| pages.iter().map(|page| page.bytes).sum();
     let report = BakeReport {
         charts: charts.n_charts,
@@ -199,16 +240,26 @@ pub fn bake(
         texel_density: charts.texels_per_unit,
         original_texel_density: density.of_images,
         bytes: bytes_of(&pages),
+        maps: maps.iter().map(|map| map.report(bytes_of(&map.pages))).collect(),
         normals: source.map(|source| NormalReport {
             source,
             mean_degrees: seen.mean_degrees(),
-            bytes: bytes_of(&maps),
+            bytes: bytes_of(&normal_maps),
         }),
         notes: losses.lines(),
         losses,
     };
     let finish = palette.finish(seen.has_alpha);
-    Ok(Baked { pages, normals: maps, tangents, corners, finish, holds_vertex_colours, report })
+    Ok(Baked {
+        pages,
+        normals: normal_maps,
+        maps,
+        tangents,
+        corners,
+        finish,
+        holds_vertex_colours,
+        report,
+    })
 }
 
 /// Normals of a result's vertices.

@@ -6,7 +6,7 @@ use super::charts::Charts;
 use super::normals;
 use super::settings::Options;
 use stonecut_io::ply::{FaceBlock, FaceLooks, MeshSource};
-use stonecut_render::texture::{Palette, Purpose};
+use stonecut_render::texture::{Paint, Palette, Purpose, SEEN, WantedMaps};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::memory::BASE_BYTES;
 use stonecut_system::units::{memory_word, show_bytes};
@@ -21,6 +21,9 @@ pub(super) const POINT_SHARE: u64 = 10;
 
 /// Bytes of a triangle for tangents while they are found, and for the normals of half a vertex.
 pub(super) const FRAME_BYTES: u64 = 36;
+
+/// Bytes of a triangle of the original for tangents, and while they are found.
+pub(super) const FRAME_WORK_BYTES: u64 = 324;
 
 /// Memory without which nothing can be baked: a cell of the original, an image, points under way.
 const LEAST_WORK_BYTES: u64 = 48 << 20;
@@ -120,15 +123,17 @@ pub fn check(
         taken += (FRAME_BYTES + 6) * n_triangles;
         taken += border_bytes(original.n_triangles(), options.cell_triangles);
     }
-    let palette = Palette::new(original.materials().map(|all| &**all), Purpose::Bake);
+    let palette = options.palette(original);
     let images = palette.decoded_bytes();
     let least = least_work_bytes(&palette);
     let free = free_bytes(n_triangles, (taken, least), memory_bytes)?;
     let Texels { n: n_texels, are_fewer } = texels(original, &palette, options)?;
     let n_in = original.n_triangles();
-    let n_canvases = u64::from(has_looks(original)) + u64::from(options.normals);
+    let n_canvases =
+        [has_looks(original), options.normals, palette.has_emission(), palette.has_surface()];
+    let n_canvases = n_canvases.into_iter().map(u64::from).sum::<u64>();
     let on_pages = PAGE_TEXELS * n_texels * n_canvases as f64;
-    let bytes_each = if palette.is_photographic() { JPEG_BYTES } else { PNG_BYTES };
+    let bytes_each = if palette.is_photographic(&SEEN) { JPEG_BYTES } else { PNG_BYTES };
     let cells = CELL_BYTES * n_in;
     // Pages that are as dense as the images need no halves of these.
     let share = if are_fewer { 1.0 } else { WITHOUT_HALVES };
@@ -176,13 +181,13 @@ fn texels(original: &MeshSource, palette: &Palette, options: &Options) -> Result
             n_seen += looks.texture.len();
             for (uv, &material) in looks.texture.iter().zip(&looks.materials) {
                 let paint = palette.paints.get(material as usize);
-                let Some(map) = paint.and_then(|paint| paint.base.as_ref()) else { continue };
+                let Some(map) = paint.and_then(Paint::densest) else { continue };
                 let texels = map.texels_per_coordinate.powi(2) * super::grid::area(uv);
                 reached += if texels.is_finite() { texels } else { 0.0 };
             }
         }
         let all = original.n_triangles() as f64 * reached / n_seen.max(1) as f64;
-        n = all.min(super::original::MOST_TEXELS * palette.n_pixels() as f64);
+        n = all.min(super::density::MOST_TEXELS * palette.n_pixels() as f64);
     }
     let room = options.most_pages.map_or(f64::INFINITY, |most| {
         f64::from(most) * f64::from(options.page_size).powi(2) / PAGE_TEXELS
@@ -199,8 +204,15 @@ fn border_bytes(n_triangles: u64, cell_triangles: u64) -> u64 {
 
 /// True if the original has texture coordinates and an image that can be used.
 pub fn has_images(original: &MeshSource) -> bool {
-    let palette = Palette::new(original.materials().map(|all| &**all), Purpose::Bake);
+    let purpose = Purpose::Bake(WantedMaps::default());
+    let palette = Palette::new(original.materials().map(|all| &**all), purpose);
     original.has_corner_texture() && palette.has_images()
+}
+
+/// True if the original has a normal map that can be used.
+pub fn has_normal_maps(original: &MeshSource) -> bool {
+    let palette = Palette::new(original.materials().map(|all| &**all), Purpose::Relief);
+    original.has_corner_texture() && palette.has_normal_maps()
 }
 
 /// True if the original has anything that can be baked.

@@ -7,6 +7,7 @@
 use stonecut_mesh::Mesh;
 use stonecut_mesh::vec3::place_bits;
 use stonecut_mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub, unit};
+use stonecut_render::texture::{FrameCorner, Tangent, tangents, unpacked};
 
 /// Steps of a sum: 2^-40, so a place may have four million faces.
 const STEPS: f64 = (1u64 << 40) as f64;
@@ -65,6 +66,36 @@ impl Normals {
         let direction = direction.or_else(|| unit(face_normal(mesh, t)));
         direction.unwrap_or_default().map(|x| x as f32)
     }
+}
+
+/// Tangents of the corners of a cell's triangles, in Mikkelsen's frames; `of_cell` are the normals of its vertices where they
+/// are computed, `texture` the channels of their coordinates.
+///
+/// At a border of the cell they lean on its own triangles alone.
+pub(super) fn corner_tangents(
+    mesh: &Mesh,
+    normals: &Normals,
+    of_cell: &[[f32; 3]],
+    texture: [usize; 2],
+) -> Vec<[Tangent; 3]> {
+    let origin = mesh.positions.first().copied().unwrap_or_default();
+    tangents(mesh.triangles.len(), |t, k| {
+        let v = mesh.triangles[t][k];
+        let weights = [0, 1, 2].map(|other| if other == k { 1.0 } else { 0.0 });
+        FrameCorner {
+            position: sub(mesh.positions[v as usize], origin).map(|x| x as f32),
+            normal: normals.at(mesh, of_cell, t, weights),
+            uv: texture.map(|channel| mesh.channels_of(v)[channel]),
+        }
+    })
+}
+
+/// The tangent at a point of a triangle, and its side.
+pub(super) fn mean_tangent(corners: &[Tangent; 3], weights: [f64; 3]) -> [f32; 4] {
+    let terms = corners.iter().zip(weights);
+    let sum = terms.fold([0.0; 3], |sum, (&own, w)| add(sum, scale(unpacked(own).0, w)));
+    let [x, y, z] = unit(sum).unwrap_or_default().map(|x| x as f32);
+    [x, y, z, unpacked(corners[0]).1 as f32]
 }
 
 /// Normals of the places that several cells have.

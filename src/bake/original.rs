@@ -2,7 +2,8 @@
 //!
 //! Finding the nearest place is in `nearest`.
 
-use super::normals::{Border, Normals, border_sums};
+use super::density::{Densities, Density};
+use super::normals::{Border, Normals, border_sums, corner_tangents, mean_tangent};
 use super::settings::{Means, NormalSource, Options};
 use std::sync::{Mutex, PoisonError};
 use stonecut_io::ply::MeshSource;
@@ -18,7 +19,7 @@ use stonecut_mesh::face_properties::FacePolicy;
 use stonecut_mesh::property::{Origin, Scalar, read_scalar};
 use stonecut_mesh::record::VertexSchema;
 use stonecut_mesh::vec3::dot;
-use stonecut_render::texture::{MapUse, Palette};
+use stonecut_render::texture::{MapUse, Palette, Tangent};
 use stonecut_store::cell_id::CellId;
 use stonecut_store::cells::{CellMesh, load_bytes};
 use stonecut_system::error::{Error, Result};
@@ -36,6 +37,8 @@ pub(super) struct Original {
     colours: Option<ColourChannels>,
     texture: Option<[usize; 2]>,
     normals: Normals,
+    /// True if normal maps of the original are looked up.
+    has_frames: bool,
     /// Box of the triangles of each cell.
     pub boxes: Vec<Bounds>,
     area: f64,
@@ -61,64 +64,6 @@ impl Numbers {
     }
 }
 
-/// Density of the texels of a bake.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Density {
-    /// Texels per unit of length that a bake aims at.
-    pub wanted: f64,
-    /// Those of the original's images, by area.
-    pub of_images: Option<f64>,
-}
-
-/// Texels for a pixel of the images at most: an image that repeats a hundred times is not wanted as often.
-pub(super) const MOST_TEXELS: f64 = 4.0;
-
-/// Area and texels by the density of the texels: bins of half an octave.
-struct Densities(Vec<[Sum; 2]>);
-
-impl Densities {
-    /// Bins, and the one of a texel a unit.
-    const N: usize = 256;
-    const MIDDLE: f64 = 128.0;
-    /// This share of the area, the densest, does not count: a few triangles with odd coordinates are not the scan.
-    const SKIPPED: f64 = 0.01;
-    fn new(diagonal: f64) -> Densities {
-        let most = diagonal * diagonal;
-        let densest = |bin: usize| (bin as f64 + 1.0 - Self::MIDDLE).exp2();
-        Densities((0..Self::N).map(|bin| [Sum::new(most), Sum::new(most * densest(bin))]).collect())
-    }
-
-    fn add(&mut self, area: f64, per_unit: f64) {
-        let bin = (2.0 * per_unit.log2() + Self::MIDDLE).floor();
-        if (0.0..Self::N as f64).contains(&bin) {
-            let [areas, texels] = &mut self.0[bin as usize];
-            areas.add(area);
-            texels.add(area * per_unit * per_unit);
-        }
-    }
-
-    fn merge(&mut self, other: &Densities) {
-        let pairs = self.0.iter_mut().flatten().zip(other.0.iter().flatten());
-        pairs.for_each(|(all, sum)| all.merge(sum));
-    }
-
-    /// Root of texels over area; NaN without any area.
-    fn mean(&self, n_pixels: u64) -> f64 {
-        let all: f64 = self.0.iter().map(|[area, _]| area.value()).sum();
-        let (mut skip, mut area, mut texels) = (Self::SKIPPED * all, 0.0, 0.0);
-        for [areas, of_bin] in self.0.iter().rev() {
-            let counted = (areas.value() - skip).max(0.0);
-            skip = (skip - areas.value()).max(0.0);
-            if counted > 0.0 {
-                area += counted;
-                texels += of_bin.value() * (counted / areas.value());
-            }
-        }
-        let most = MOST_TEXELS * n_pixels as f64 / all;
-        (texels / area).min(most).sqrt()
-    }
-}
-
 /// A place on the original.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hit {
@@ -134,6 +79,8 @@ pub(super) struct Hit {
     pub colour: [u8; 3],
     /// Shading normal of length 1; zeros where none is wanted or there is none.
     pub normal: [f32; 3],
+    /// Direction of rising u, and the side of the axis across it; zeros where no normal map is looked up.
+    pub tangent: [f32; 4],
 }
 
 impl Hit {
@@ -145,13 +92,14 @@ impl Hit {
         per_unit: 0.0,
         colour: [255; 3],
         normal: [0.0; 3],
+        tangent: [0.0; 4],
     };
 
     /// True if this one stands for the point: it is nearer, or as near and first by its looks, which no cell changes.
     pub fn is_better(&self, other: &Hit) -> bool {
         let key = |hit: &Hit| {
             let (uv, normal) = (hit.uv.map(f32::to_bits), hit.normal.map(f32::to_bits));
-            (!hit.faces, hit.material, uv, hit.colour, normal)
+            (!hit.faces, hit.material, uv, hit.colour, normal, hit.tangent.map(f32::to_bits))
         };
         self.distance_sq < other.distance_sq
             || (self.distance_sq == other.distance_sq && key(self) < key(other))
@@ -179,6 +127,8 @@ pub(super) struct Cell {
     material: Vec<u32>,
     /// Of the vertices, where they are computed.
     normals: Vec<[f32; 3]>,
+    /// Of the corners of triangles, where normal maps are looked up.
+    tangents: Vec<[Tangent; 3]>,
     pub tree: Tree,
 }
 
@@ -245,6 +195,7 @@ impl Original {
                 (true, Some(channels)) => Normals::Own(channels),
                 (true, None) => Normals::Computed(Border::default()),
             },
+            has_frames: options.normals && palette.has_normal_maps(),
             boxes: Vec::new(),
             area: 0.0,
             n_triangles: 0,
@@ -364,6 +315,7 @@ impl Original {
             + Tree::bytes(tally.triangles)
             + 4 * tally.triangles
             + self.normals.vertex_bytes() * tally.vertices
+            + if self.has_frames { super::need::FRAME_WORK_BYTES * tally.triangles } else { 0 }
     }
 
     /// A cell without its records, and the materials of its triangles.
@@ -385,8 +337,12 @@ impl Original {
     pub fn load(&self, cell: usize, progress: &Progress) -> Result<Cell> {
         let (CellMesh { mesh, shared, .. }, material) = self.load_mesh(cell)?;
         let normals = self.normals.of_cell(&mesh, &shared);
+        let tangents = match (self.has_frames, self.texture) {
+            (true, Some(texture)) => corner_tangents(&mesh, &self.normals, &normals, texture),
+            _ => Vec::new(),
+        };
         let tree = Tree::build_until(mesh.triangles.len(), |i| mesh.corners(i), progress)?;
-        Ok(Cell { mesh, material, normals, tree })
+        Ok(Cell { mesh, material, normals, tangents, tree })
     }
 
     /// Texture coordinates of a triangle's corners.
@@ -438,6 +394,7 @@ impl Original {
             per_unit: face.per_unit,
             colour,
             normal: self.normals.at(&cell.mesh, &cell.normals, t, weights),
+            tangent: cell.tangents.get(t).map_or([0.0; 4], |own| mean_tangent(own, weights)),
         }
     }
 
@@ -469,9 +426,9 @@ impl Original {
     }
 }
 
-/// The colour image of a material.
-pub(super) fn map_of(palette: &Palette, material: u32) -> Option<&MapUse> {
-    palette.paints.get(material as usize)?.base.as_ref()
+/// The densest image of a material.
+fn map_of(palette: &Palette, material: u32) -> Option<&MapUse> {
+    palette.paints.get(material as usize)?.densest()
 }
 
 /// Texture coordinates at a point of a triangle with those of its corners; NaN without any.

@@ -3,9 +3,8 @@
 //! Colours grow beyond the borders of charts, so that neither filtering nor smaller sizes of an image mix what lies
 //! between charts into them; what is then left has the mean colour of the page. Rows go through memory in bands.
 
-use super::directions::STRAIGHT_PIXEL;
+use super::page_kind::{Page, PageKind};
 use super::settings::{Means, PADDING};
-use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -33,43 +32,6 @@ const OUT_BYTES: usize = 1 << 18;
 
 /// Quality of JPEG pages, of 100.
 const JPEG_QUALITY: u8 = 90;
-
-/// Type of a page's image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum PageKind {
-    /// JPEG, where all images of the original are and nothing lets light through.
-    Jpeg,
-    /// PNG, with opacity where there is any.
-    Png,
-    /// A normal map: PNG whose values are not colours.
-    Directions,
-}
-
-impl PageKind {
-    /// The ending of files.
-    pub fn ending(self) -> &'static str {
-        match self {
-            PageKind::Jpeg => "jpg",
-            PageKind::Png | PageKind::Directions => "png",
-        }
-    }
-}
-
-/// A finished page.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Page {
-    /// Its file.
-    pub path: PathBuf,
-    /// Its type.
-    pub kind: PageKind,
-    /// Texels in a row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// Bytes of the file.
-    pub bytes: u64,
-}
 
 /// A finished texel.
 #[derive(Clone, Copy, Debug)]
@@ -150,17 +112,42 @@ impl Canvas {
         Ok(())
     }
 
-    /// Makes images of all pages, durably; returns them and the number of texels that charts cover.
+    /// Makes images of all pages, durably, once for each of the `kinds` with the names of their files; returns them and the
+    /// number of texels that charts cover.
     ///
-    /// Memory: 100 rows of a page a thread.
+    /// What lies far from all charts has the colour `rest`, or the mean. Memory: 100 rows of a page a thread.
     pub fn finish(
         self,
-        kind: PageKind,
+        kinds: &[(PageKind, String)],
+        rest: Option<[u8; 4]>,
+        place: &Path,
+        means: Means,
+    ) -> Result<(Vec<Vec<Page>>, u64)> {
+        let (mut all, mut files, mut n_covered) = (Vec::new(), Vec::new(), 0);
+        for (kind, name) in kinds {
+            let mut pages = Vec::new();
+            n_covered = 0;
+            self.write((*kind, rest), (place, name), means, |page, file, covered| {
+                pages.push(page);
+                files.push(file);
+                n_covered += covered;
+            })?;
+            all.push(pages);
+        }
+        // Texels that are still on their way to the disk would go there with the images: a sync waits for them.
+        drop(self);
+        files.iter_mut().try_for_each(DiskFile::sync)?;
+        Ok((all, n_covered))
+    }
+
+    fn write(
+        &self,
+        (kind, rest): (PageKind, Option<[u8; 4]>),
         (place, name): (&Path, &str),
         means: Means,
-    ) -> Result<(Vec<Page>, u64)> {
-        let (mut pages, mut files, mut n_covered) = (Vec::new(), Vec::new(), 0);
-        let canvas = &self;
+        mut put: impl FnMut(Page, DiskFile, u64),
+    ) -> Result<()> {
+        let canvas = self;
         in_order(
             self.sizes.len() as u64,
             means.threads,
@@ -169,10 +156,8 @@ impl Canvas {
                 let number = number as usize;
                 let [width, height] = canvas.sizes[number];
                 let path = place.join(format!("{name}-page-{number}.part"));
-                let (mut mean, covered) = canvas.mean(number)?;
-                if kind == PageKind::Directions {
-                    mean = STRAIGHT_PIXEL;
-                }
+                let (mean, covered) = canvas.mean(number)?;
+                let mean = rest.unwrap_or(mean);
                 let rows = Rows { canvas, page: number, mean, progress: Some(means.progress) };
                 let file = rows.write(kind, &path, means.disk)?;
                 let bytes = file.length();
@@ -181,17 +166,11 @@ impl Canvas {
             },
             |_, page| {
                 if let Some((page, file, covered)) = page.take() {
-                    pages.push(page);
-                    files.push(file);
-                    n_covered += covered;
+                    put(page, file, covered);
                 }
                 Ok(())
             },
-        )?;
-        // Texels that are still on their way to the disk would go there with the images: a sync waits for them.
-        drop(self);
-        files.iter_mut().try_for_each(DiskFile::sync)?;
-        Ok((pages, n_covered))
+        )
     }
 
     /// The image of a page as a file in memory, and the number of texels that charts cover.
@@ -287,29 +266,36 @@ impl Rows<'_> {
 
     fn encode(&self, kind: PageKind, out: impl Write) -> Result<()> {
         match kind {
-            PageKind::Jpeg => self.encode_jpeg(out),
-            PageKind::Png | PageKind::Directions => self.encode_png(out, kind == PageKind::Png),
+            PageKind::Jpeg | PageKind::JpegNumbers(_) => self.encode_jpeg(out, kind),
+            PageKind::Png | PageKind::Numbers(_) => self.encode_png(out, kind),
         }
     }
 
-    /// Values are marked as colours (`is_srgb`), or not.
-    fn encode_png(&self, out: impl Write, is_srgb: bool) -> Result<()> {
+    fn encode_png(&self, out: impl Write, kind: PageKind) -> Result<()> {
         let ([width, height], has_alpha) = (self.size(), self.canvas.has_alpha);
         let result = (|| {
             let mut encoder = png::Encoder::new(out, width, height);
-            let color = if has_alpha { png::ColorType::Rgba } else { png::ColorType::Rgb };
-            encoder.set_color(color);
+            let channel = kind.channel();
+            encoder.set_color(match (channel, has_alpha) {
+                (Some(_), _) => png::ColorType::Grayscale,
+                (None, true) => png::ColorType::Rgba,
+                (None, false) => png::ColorType::Rgb,
+            });
             encoder.set_depth(png::BitDepth::Eight);
-            if is_srgb {
+            if kind == PageKind::Png {
                 encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
             }
             let mut writer = encoder.write_header()?;
             let mut stream = writer.stream_writer()?;
             for first in (0..height).step_by(BAND_ROWS as usize) {
                 let band = self.band(first).map_err(std::io::Error::other)?;
-                match has_alpha {
-                    true => stream.write_all(bytemuck::cast_slice(&band))?,
-                    false => {
+                match (channel, has_alpha) {
+                    (Some(k), _) => {
+                        let grey: Vec<u8> = band.iter().map(|pixel| pixel[k]).collect();
+                        stream.write_all(&grey)?;
+                    }
+                    (None, true) => stream.write_all(bytemuck::cast_slice(&band))?,
+                    (None, false) => {
                         let rgb: Vec<u8> = band.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
                         stream.write_all(&rgb)?;
                     }
@@ -320,11 +306,14 @@ impl Rows<'_> {
         result.map_err(|error: png::EncodingError| not_encoded(&error))
     }
 
-    fn encode_jpeg(&self, out: impl Write) -> Result<()> {
-        let image = JpegRows { rows: self, held: RefCell::default() };
+    fn encode_jpeg(&self, out: impl Write, kind: PageKind) -> Result<()> {
+        let image = JpegRows { rows: self, channel: kind.channel(), held: RefCell::default() };
         let mut encoder = jpeg_encoder::Encoder::new(out, JPEG_QUALITY);
-        // Half the colours, as photographs have them.
-        encoder.set_sampling_factor(jpeg_encoder::SamplingFactor::F_2_2);
+        encoder.set_sampling_factor(match kind {
+            // Half the colours, as photographs have them.
+            PageKind::Jpeg => jpeg_encoder::SamplingFactor::F_2_2,
+            _ => jpeg_encoder::SamplingFactor::F_1_1,
+        });
         let result = encoder.encode_image(&image);
         match image.held.take().failed {
             Some(error) => Err(error),
@@ -370,6 +359,8 @@ impl Out {
 /// Rows for the encoder of JPEG, which takes them one by one.
 struct JpegRows<'a> {
     rows: &'a Rows<'a>,
+    /// The only channel that counts.
+    channel: Option<usize>,
     held: RefCell<HeldBand>,
 }
 
@@ -382,7 +373,10 @@ struct HeldBand {
 
 impl jpeg_encoder::ImageBuffer for &JpegRows<'_> {
     fn get_jpeg_color_type(&self) -> jpeg_encoder::JpegColorType {
-        jpeg_encoder::JpegColorType::Ycbcr
+        match self.channel {
+            Some(_) => jpeg_encoder::JpegColorType::Luma,
+            None => jpeg_encoder::JpegColorType::Ycbcr,
+        }
     }
 
     fn width(&self) -> u16 {
@@ -404,6 +398,11 @@ impl jpeg_encoder::ImageBuffer for &JpegRows<'_> {
             }
         }
         let from = (u32::from(y) - first) as usize * width;
+        if let Some(k) = self.channel {
+            let row = (0..width).map(|x| held.pixels.get(from + x).map_or(0, |pixel| pixel[k]));
+            buffers[0].extend(row);
+            return;
+        }
         for x in 0..width {
             let [r, g, b, _] = held.pixels.get(from + x).copied().unwrap_or(EMPTY);
             let (luma, blue, red) = jpeg_encoder::rgb_to_ycbcr(r, g, b);

@@ -451,7 +451,7 @@ mod tests {
     use super::*;
     use std::fmt::Write;
     use stonecut_io::ply::{MeshSource, ReadOptions};
-    use stonecut_render::texture::{Palette, Purpose};
+    use stonecut_render::texture::{Palette, Purpose, WantedMaps};
     use stonecut_system::disk::Disk;
 
     /// Two sheets of waves, one close above the other and upside down, with a colour for each vertex.
@@ -529,9 +529,15 @@ mod tests {
             disk: &disk,
             progress: &progress,
         };
-        let options =
-            Options { page_size: 512, most_pages: None, cell_triangles: 300, normals: true };
-        let palette = Palette::new(None, Purpose::Bake);
+        let beside = WantedMaps::default();
+        let options = Options {
+            page_size: 512,
+            most_pages: None,
+            cell_triangles: 300,
+            normals: true,
+            beside,
+        };
+        let palette = Palette::new(None, Purpose::Bake(beside));
         let original = Original::cut(source, &palette, &options, means).unwrap();
         assert!(original.boxes.len() > 3, "{}", original.boxes.len());
         // Triangles of a few edges of the sheets and of a tenth of one, on both sides of both sheets.

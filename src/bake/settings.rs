@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use stonecut_io::ply::MeshSource;
+use stonecut_render::texture::{Palette, Purpose, WantedMaps};
 use stonecut_store::stage_context::StageContext;
 use stonecut_system::disk::Disk;
 use stonecut_system::losses::Ledger;
@@ -31,6 +33,16 @@ pub struct Options {
     pub cell_triangles: u64,
     /// With normal maps.
     pub normals: bool,
+    /// Maps of the original that are baked besides its colours.
+    pub beside: WantedMaps,
+}
+
+impl Options {
+    /// Materials and images of an original as these settings use them.
+    pub(super) fn palette(&self, original: &MeshSource) -> Palette {
+        let materials = original.materials().map(|all| &**all);
+        Palette::new(materials, Purpose::Bake(self.beside))
+    }
 }
 
 /// Memory and places of a bake.
@@ -79,7 +91,10 @@ pub struct BakeReport {
     pub original_texel_density: Option<f64>,
     /// Bytes of the files of colours.
     pub bytes: u64,
-    /// Normal maps, one a page; absent without `--bake-normals`.
+    /// Pages besides those of colours and normals.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub maps: Vec<MapReport>,
+    /// Normal maps, one a page; absent without any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub normals: Option<NormalReport>,
     /// Missing, damaged and lost parts, a line each; deprecated, `losses` says more.
@@ -87,6 +102,15 @@ pub struct BakeReport {
     /// Missing, damaged and lost parts.
     #[serde(default)]
     pub losses: Ledger,
+}
+
+/// Pages of one kind.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct MapReport {
+    /// Contents, as `image of emitted light`.
+    pub kind: String,
+    /// Bytes of their files.
+    pub bytes: u64,
 }
 
 /// Findings about normal maps.

@@ -12,6 +12,7 @@ use super::nearest::{CellCache, Seekers};
 use super::original::{Hit, Original};
 use super::pages::{Canvas, Texel};
 use super::settings::NONE;
+use super::sheets::{Places, mean, plain_pixel};
 use std::ops::Range;
 use stonecut_measure::triangle::{self, Vector};
 use stonecut_mesh::Mesh;
@@ -26,7 +27,7 @@ use stonecut_system::parallel::in_order;
 use stonecut_system::progress::Progress;
 
 /// Bytes of a point under way: the point, its places, its colour, and where it is listed.
-const POINT_BYTES: u64 = 264;
+const POINT_BYTES: u64 = 280;
 
 /// Points of a batch where no cell and no image is ever loaded twice.
 const SMALL_BATCH: u64 = 1 << 18;
@@ -98,16 +99,22 @@ impl Seen {
     }
 }
 
-/// Pages that are filled: of colours, of normals, or both.
+/// Pages that are filled.
+#[derive(Default)]
 pub(super) struct Canvases {
     pub colours: Option<Canvas>,
     pub normals: Option<Canvas>,
+    /// Of emitted light.
+    pub emission: Option<Canvas>,
+    /// Of shade, roughness and metal.
+    pub surface: Option<Canvas>,
 }
 
 impl Canvases {
     /// Accounts for the disk that the pages take, once they are filled.
     pub fn count(&self) {
-        [&self.colours, &self.normals].into_iter().flatten().for_each(Canvas::count);
+        let all = [&self.colours, &self.normals, &self.emission, &self.surface];
+        all.into_iter().flatten().for_each(Canvas::count);
     }
 }
 
@@ -307,7 +314,9 @@ impl Work {
         let hits = &mut buffers.hits;
         scene.original.nearest_by_patches(&batch, &patches, cells, means, hits)?;
         let from = |i: usize| if i == 0 { 0 } else { ends[i - 1] };
+        find_spots(scene, &batch.points, hits, &mut buffers.spots);
         if let Some(canvas) = &mut canvases.normals {
+            places(scene, &buffers.spots).bend(hits)?;
             let (mesh, normals) = (scene.mesh, scene.normals);
             let frames = Frames { mesh, normals, tangents: &scene.charts.tangents };
             let direction = |i: usize| {
@@ -339,26 +348,22 @@ impl Work {
             )?;
         }
         buffers.points = batch.points;
+        let Buffers { points, hits, lights, spots } = buffers;
+        let filled = Filled { scene, bands, ends: &ends, points };
+        if let Some(canvas) = &mut canvases.emission {
+            places(scene, spots).emission(lights)?;
+            filled.put(lights, canvas, pixel_of)?;
+        }
+        if let Some(canvas) = &mut canvases.surface {
+            places(scene, spots).surface(lights)?;
+            filled.put(lights, canvas, plain_pixel)?;
+        }
         let Some(canvas) = &mut canvases.colours else { return Ok(()) };
-        lights(scene, buffers)?;
-        let Buffers { points, lights, .. } = &*buffers;
-        in_order(
-            bands.len() as u64,
-            scene.threads,
-            scene.progress,
-            |i, texels: &mut Vec<Texel>| {
-                let i = i as usize;
-                let lights = &lights[from(i)..ends[i]];
-                of_texels(&points[from(i)..ends[i]], texels, |same| {
-                    mean_light(same.iter().map(|&i| lights[i as usize]))
-                });
-                Ok(())
-            },
-            |i, texels| {
-                seen.has_alpha |= texels.iter().any(|texel| texel.pixel[3] < 255);
-                canvas.put(bands[i as usize].page, texels)
-            },
-        )
+        plain_lights(scene, hits, lights);
+        let looks = (scene.palette, scene.images);
+        multiply(lights, spots, looks, scene.threads, scene.progress)?;
+        seen.has_alpha |= filled.put(lights, canvas, pixel_of)?;
+        Ok(())
     }
 
     /// Points of the texels of a band. A triangle that lies between all points has one in its middle.
@@ -400,15 +405,71 @@ fn longest([a, b, c]: &[[f64; 2]; 3]) -> f64 {
     length_sq(a, b).max(length_sq(b, c)).max(length_sq(c, a)).sqrt()
 }
 
-/// The colour of every place.
-fn lights(scene: &Scene, buffers: &mut Buffers) -> Result<()> {
-    let Buffers { points, hits, lights, spots } = buffers;
+/// Points of a batch whose values are known.
+struct Filled<'a> {
+    scene: &'a Scene<'a>,
+    bands: &'a [Band],
+    /// Ends of the bands' points.
+    ends: &'a [usize],
+    points: &'a [Point],
+}
+
+impl Filled<'_> {
+    /// Puts the texels of all points on pages; `pixel` gets the mean of the points of one. Returns if any lets light through.
+    fn put(
+        &self,
+        values: &[Light],
+        canvas: &mut Canvas,
+        pixel: impl Fn(Light) -> [u8; 4] + Sync,
+    ) -> Result<bool> {
+        let mut has_alpha = false;
+        in_order(
+            self.bands.len() as u64,
+            self.scene.threads,
+            self.scene.progress,
+            |i, texels: &mut Vec<Texel>| {
+                let i = i as usize;
+                let own = if i == 0 { 0 } else { self.ends[i - 1] }..self.ends[i];
+                let values = &values[own.clone()];
+                of_texels(&self.points[own], texels, |same| {
+                    pixel(mean(same.iter().map(|&i| values[i as usize])))
+                });
+                Ok(())
+            },
+            |i, texels| {
+                has_alpha |= texels.iter().any(|texel| texel.pixel[3] < 255);
+                canvas.put(self.bands[i as usize].page, texels)
+            },
+        )?;
+        Ok(has_alpha)
+    }
+}
+
+/// Materials and coordinates of every place.
+fn find_spots(scene: &Scene, points: &[Point], hits: &[Hit], spots: &mut Vec<Spot>) {
+    let charts = scene.charts;
+    let spot = |(point, hit): (&Point, &Hit)| {
+        let density = charts.densities[charts.page[point.triangle as usize] as usize];
+        let spacing = density * f64::from(scene.side);
+        Spot { material: hit.material, uv: hit.uv, apart: f64::from(hit.per_unit) / spacing }
+    };
+    spots.clear();
+    spots.extend(points.iter().zip(hits).map(spot));
+}
+
+/// The same for pages besides colours.
+fn places<'a>(scene: &'a Scene, spots: &'a [Spot]) -> Places<'a> {
+    let Scene { palette, images, threads, progress, .. } = *scene;
+    Places { spots, palette, images, threads, progress }
+}
+
+/// The colour of every place without its image, which is multiplied with it.
+fn plain_lights(scene: &Scene, hits: &[Hit], lights: &mut Vec<Light>) {
     let table = &scene.images.table;
-    let paint = |hit: &Hit| scene.palette.paints.get(hit.material as usize);
-    // First what needs no image; what an image says is multiplied with it.
     let plain = |hit: &Hit| -> Light {
-        let factor = paint(hit).map_or([1.0; 4], |paint| paint.factor);
-        let has_image = paint(hit).is_some_and(|paint| paint.base.is_some());
+        let paint = scene.palette.paints.get(hit.material as usize);
+        let factor = paint.map_or([1.0; 4], |paint| paint.factor);
+        let has_image = paint.is_some_and(|paint| paint.base.is_some());
         if has_image || !scene.original.has_colours() {
             return times_opacity(factor);
         }
@@ -418,16 +479,6 @@ fn lights(scene: &Scene, buffers: &mut Buffers) -> Result<()> {
     };
     lights.clear();
     lights.extend(hits.iter().map(plain));
-    let charts = scene.charts;
-    let spot = |(point, hit): (&Point, &Hit)| {
-        let density = charts.densities[charts.page[point.triangle as usize] as usize];
-        let spacing = density * f64::from(scene.side);
-        Spot { material: hit.material, uv: hit.uv, apart: f64::from(hit.per_unit) / spacing }
-    };
-    spots.clear();
-    spots.extend(points.iter().zip(&*hits).map(spot));
-    let looks = (scene.palette, scene.images);
-    multiply(lights, spots, looks, scene.threads, scene.progress)
 }
 
 /// Makes the texels that points lie in; `pixel` gets the numbers of the points of each.
@@ -446,14 +497,4 @@ fn of_texels(points: &[Point], out: &mut Vec<Texel>, mut pixel: impl FnMut(&[u32
         let Point { row, column, .. } = points[same[0] as usize];
         out.push(Texel { row, column, pixel: pixel(&same) });
     }
-}
-
-/// The mean of the lights of a texel's points.
-fn mean_light(lights: impl ExactSizeIterator<Item = Light>) -> [u8; 4] {
-    let n = lights.len() as f32;
-    let mut sum = [0f32; 4];
-    for light in lights {
-        sum.iter_mut().zip(light).for_each(|(sum, light)| *sum += light);
-    }
-    pixel_of(sum.map(|sum| sum / n))
 }

@@ -7,7 +7,8 @@ use super::charts::Charts;
 use super::nearest::CellCache;
 use super::need::{CANVAS_SHARE, CELL_SHARE, IMAGE_SHARE, POINT_SHARE, least_work_bytes};
 use super::original::{Original, staging_bytes};
-use super::pages::{Canvas, PageKind};
+use super::page_kind::PageKind;
+use super::pages::Canvas;
 use super::projected::{Projected, project};
 use super::settings::{Means, NONE, Options};
 use super::texels::{self, Canvases, Scene};
@@ -15,7 +16,7 @@ use stonecut_io::TilePage;
 use stonecut_io::ply::MeshSource;
 use stonecut_mesh::Mesh;
 use stonecut_mesh::oklab::linear_of_srgb;
-use stonecut_render::texture::{Finish, ImageCache, Palette, Purpose};
+use stonecut_render::texture::{Finish, ImageCache, Palette, Purpose, SEEN, WantedMaps};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::Ledger;
 use stonecut_system::parallel::in_order;
@@ -87,7 +88,8 @@ impl TilePicture {
 
 /// Memory without which tiles that are given together get no pages, beside `BASE_BYTES`; `n_triangles` is their number.
 pub fn least_for_tiles(source: &MeshSource, n_triangles: u64) -> u64 {
-    let images = Palette::new(source.materials().map(|all| &**all), Purpose::Bake);
+    let images =
+        Palette::new(source.materials().map(|all| &**all), Purpose::Bake(WantedMaps::default()));
     TILE_BYTES * n_triangles + least_work_bytes(&images)
 }
 
@@ -98,7 +100,8 @@ pub fn check_tiles(
     n_triangles: u64,
     (memory_bytes, staged_bytes): (u64, u64),
 ) -> Result<TilesNeed> {
-    let images = Palette::new(source.materials().map(|all| &**all), Purpose::Bake);
+    let images =
+        Palette::new(source.materials().map(|all| &**all), Purpose::Bake(WantedMaps::default()));
     let free = free_bytes(n_triangles, &images, memory_bytes)?;
     let pixels = images.n_pixels();
     // Vertices are parted along charts: two sorts, of which either stays in memory where that suffices.
@@ -154,13 +157,17 @@ impl Photographs {
     ///
     /// Disk: about 40 bytes a triangle of the input, six times that for a while.
     pub fn stage(source: MeshSource, n_triangles: u64, means: Means) -> Result<Photographs> {
-        let palette = Palette::new(source.materials().map(|all| &**all), Purpose::Bake);
+        let palette = Palette::new(
+            source.materials().map(|all| &**all),
+            Purpose::Bake(WantedMaps::default()),
+        );
         let free_bytes = free_bytes(n_triangles, &palette, means.memory_bytes)?;
         let options = Options {
             page_size: MOST_SIDE,
             most_pages: None,
             cell_triangles: CELL_TRIANGLES,
             normals: false,
+            beside: WantedMaps::default(),
         };
         let within = Means { memory_bytes: free_bytes, ..means };
         let original = Original::cut(source, &palette, &options, within)?;
@@ -235,7 +242,7 @@ impl TilePainter<'_> {
         let Means { temp_dir, disk, .. } = self.means;
         let most_bytes = self.from.free_bytes / CANVAS_SHARE;
         let colours = Some(Canvas::new(&charts.pages, temp_dir, disk, most_bytes)?);
-        let mut canvases = Canvases { colours, normals: None };
+        let mut canvases = Canvases { colours, ..Canvases::default() };
         let scene = Scene {
             mesh: &mesh,
             charts: &charts,
@@ -252,7 +259,7 @@ impl TilePainter<'_> {
         let seen = texels::fill(&scene, &mut self.cells, &mut canvases)?;
         drop((charts, mesh));
         canvases.count();
-        let kind = match self.from.palette.is_photographic() && !seen.has_alpha {
+        let kind = match self.from.palette.is_photographic(&SEEN) && !seen.has_alpha {
             true => PageKind::Jpeg,
             false => PageKind::Png,
         };

@@ -97,14 +97,26 @@ pub(super) fn would_help(source: &MeshSource, config: &Config) -> bool {
         && is_possible()
 }
 
+/// True if a new texture has normal maps: they were asked for, or the input has some and the output has a place for them.
+pub(super) fn has_normals(source: &MeshSource, config: &Config) -> Result<bool> {
+    let has_place = matches!(config.kind()?, OutputKind::Obj | OutputKind::Glb);
+    let is_free = has_place && config.attributes.normals != Normals::Drop;
+    Ok(config.bake.normals || (is_free && bake::has_normal_maps(source)))
+}
+
 /// Settings of the bake.
-pub(super) fn options(config: &Config) -> bake::Options {
-    bake::Options {
+pub(super) fn options(config: &Config) -> Result<bake::Options> {
+    Ok(bake::Options {
         page_size: config.bake.page_size,
         most_pages: config.bake.most_pages,
         cell_triangles: config.cell_triangles,
         normals: config.bake.normals,
-    }
+        beside: bake::WantedMaps {
+            normals: config.bake.normals,
+            surface: matches!(config.kind()?, OutputKind::Obj | OutputKind::Glb),
+            occlusion: config.kind()? == OutputKind::Glb,
+        },
+    })
 }
 
 /// The reason why no new texture can be made, if there is one.
@@ -150,7 +162,7 @@ pub(super) fn check(
     let n = source.n_triangles();
     let most = config.targets().map(|target| target.triangles(n)).max().unwrap_or(n);
     let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
-    let need = bake::check(source, most.min(n), &options(config), usable)?;
+    let need = bake::check(source, most.min(n), &options(config)?, usable)?;
     let kind = config.kind()?;
     if kind == OutputKind::Glb || config.job.force || may_be_ours {
         return Ok(need);

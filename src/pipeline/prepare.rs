@@ -40,10 +40,13 @@ pub struct Prepared {
 }
 
 /// The settings with everything decided that was left to the program: a new texture begins where the old one is given up.
-fn settled(config: &Config, texture: Texture) -> Config {
+///
+/// `has_normals` if a new texture has normal maps.
+fn settled(config: &Config, texture: Texture, has_normals: bool) -> Config {
     let drop_texture = config.drop_texture || texture == Texture::Bake;
     let mut settled = Config { texture, drop_texture, ..config.clone() };
-    if texture == Texture::Bake && config.bake.normals {
+    if texture == Texture::Bake && has_normals {
+        settled.bake.normals = true;
         // Directions in a normal map lean on the normals that the result itself has.
         settled.attributes.normals = Normals::Recompute;
     }
@@ -62,6 +65,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let seams = config.checks.seams.as_deref().map(Seen::new);
     let (mut marks, stage) = before_opening(config)?;
     let (mut texture, mut bake_need, mut retry) = (Texture::Keep, BakeNeed::default(), None);
+    let mut has_normals = false;
     let mut bake_room = Ok(());
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
         config.named_outputs().try_for_each(|output| source.refuse_output(output))?;
@@ -71,7 +75,8 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
             let config = config.clone();
             retry = Some(Box::new(Config { texture: Texture::Bake, job, ..config }));
         }
-        let config = &settled(config, texture);
+        has_normals = texture == Texture::Bake && bake::has_normals(&source, config)?;
+        let config = &settled(config, texture, has_normals);
         if texture == Texture::Bake {
             let is_ours =
                 !config.job.restart && has_begun_to_write(&config.job_folder, &config.output);
@@ -105,7 +110,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     });
     let source = unchanged(&config.input, &marks, source)?;
     marks.extend(marks_beside(&source));
-    let config = settled(config, texture);
+    let config = settled(config, texture, has_normals);
     config.targets().try_for_each(|target| target.check(source.n_triangles()))?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     config.attributes.weights.check(&codec.channel_kinds(source.schema())).map_err(Error::Usage)?;

@@ -10,6 +10,7 @@ mod keep;
 #[cfg(feature = "ktx2")]
 mod ktx2;
 mod losses;
+mod maps;
 mod normals;
 mod opacity;
 mod pages;

@@ -9,7 +9,7 @@ use crate::common::{check, expect};
 use image::{Rgb, RgbImage};
 use std::path::Path;
 
-type Vector = [f64; 3];
+pub(super) type Vector = [f64; 3];
 
 /// A sheet over the unit square of `2 n^2` triangles, of height `z`, as PLY.
 fn sheet(path: &Path, n: usize, z: impl Fn(f64, f64) -> f64) {
@@ -23,10 +23,10 @@ fn sheet(path: &Path, n: usize, z: impl Fn(f64, f64) -> f64) {
 }
 
 /// A corner of a result in OBJ: position, texture coordinates, normal.
-type Corner = (Vector, [f64; 2], Vector);
+pub(super) type Corner = (Vector, [f64; 2], Vector);
 
 /// Faces of an OBJ with coordinates and normals, and the normal map of its only material.
-fn read(folder: &Path, name: &str) -> (Vec<[Corner; 3]>, RgbImage) {
+pub(super) fn read(folder: &Path, name: &str) -> (Vec<[Corner; 3]>, RgbImage) {
     let (mut points, mut uvs, mut normals, mut faces) =
         (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for line in std::fs::read_to_string(folder.join(format!("{name}.obj"))).unwrap().lines() {
@@ -49,21 +49,21 @@ fn read(folder: &Path, name: &str) -> (Vec<[Corner; 3]>, RgbImage) {
     (faces, image::open(folder.join(maps[0])).unwrap().into_rgb8())
 }
 
-fn dot(a: Vector, b: Vector) -> f64 {
+pub(super) fn dot(a: Vector, b: Vector) -> f64 {
     (0..3).map(|k| a[k] * b[k]).sum()
 }
 
-fn unit(a: Vector) -> Vector {
+pub(super) fn unit(a: Vector) -> Vector {
     a.map(|x| x / dot(a, a).sqrt())
 }
 
-fn degrees_between(a: Vector, b: Vector) -> f64 {
+pub(super) fn degrees_between(a: Vector, b: Vector) -> f64 {
     dot(unit(a), unit(b)).clamp(-1.0, 1.0).acos().to_degrees()
 }
 
 /// Points of all faces, with the direction that the normal map gives them: red along rising u, green along rising v, blue
 /// along the normal. The axes are found from the face's coordinates here, without the program's.
-fn directions(faces: &[[Corner; 3]], map: &RgbImage) -> Vec<(Vector, Vector)> {
+pub(super) fn directions(faces: &[[Corner; 3]], map: &RgbImage) -> Vec<(Vector, Vector)> {
     let mut out = Vec::new();
     for face in faces {
         let [a, b, c] = face.map(|(at, _, _)| at);

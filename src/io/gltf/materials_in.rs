@@ -123,7 +123,11 @@ fn add(
         base: shown(surface.base_color_factor.unwrap_or([1.0; 4])),
         metallic: Some(surface.metallic_factor.unwrap_or(1.0)),
         roughness: Some(surface.roughness_factor.unwrap_or(1.0)),
-        emissive: material.emissive_factor.map(|light| light.map(shown_channel)),
+        // Without a factor the image of emitted light does not show (Khronos, section 5.19).
+        emissive: material
+            .emissive_factor
+            .or(material.emissive_texture.as_ref().map(|_| [0.0; 3]))
+            .map(|light| light.map(shown_channel)),
         two_sided: material.double_sided,
         alpha: match material.alpha_mode.as_deref() {
             Some("BLEND") => Alpha::Blend,

@@ -153,9 +153,19 @@ pub enum MapKind {
     MetallicRoughness,
     /// Shade of ambient light.
     Occlusion,
+    /// Roughness alone.
+    Roughness,
+    /// Share of metal alone.
+    Metallic,
 }
 
 impl MapKind {
+    /// True if its values are colours as screens show them, not numbers.
+    pub fn is_colour(self) -> bool {
+        use MapKind::{Ambient, Base, Emissive, Opacity, Specular};
+        matches!(self, Base | Opacity | Emissive | Specular | Ambient)
+    }
+
     /// The name in messages.
     pub fn name(self) -> &'static str {
         match self {
@@ -168,6 +178,8 @@ impl MapKind {
             MapKind::Normal => "normal map",
             MapKind::MetallicRoughness => "image of metal and roughness",
             MapKind::Occlusion => "image of ambient shade",
+            MapKind::Roughness => "image of roughness",
+            MapKind::Metallic => "image of metal",
         }
     }
 }

@@ -7,6 +7,9 @@ use stonecut_system::losses::{Ledger, Loss, LossKind, Severity};
 /// The colour that a material has besides its images.
 const COLOUR: &str = "colour";
 
+/// The light that a material emits besides its images.
+pub const EMITTED: &str = "emitted light";
+
 /// Faces without coordinates whose material has an image.
 pub const BARE_FACES: &str = "faces without texture coordinates";
 /// The fate of `BARE_FACES`.
@@ -14,13 +17,9 @@ pub const BARE_REASON: &str = "their material has an image: 0 0 stands for the c
 
 /// Kinds of images that each kind of output holds.
 fn holds(kind: OutputKind, map: MapKind) -> bool {
-    use MapKind::{
-        Ambient, Base, Bump, Emissive, MetallicRoughness, Normal, Occlusion, Opacity, Specular,
-    };
+    use MapKind::{Base, Emissive, MetallicRoughness, Normal, Occlusion};
     match kind {
-        OutputKind::Obj => {
-            matches!(map, Base | Emissive | Opacity | Specular | Ambient | Bump | Normal)
-        }
+        OutputKind::Obj => !matches!(map, MetallicRoughness | Occlusion),
         OutputKind::Glb => matches!(map, Base | Emissive | Normal | MetallicRoughness | Occlusion),
         OutputKind::Ply => map == Base,
         OutputKind::Stl => false,
@@ -73,7 +72,7 @@ pub(super) fn enter(kind: OutputKind, materials: &Materials, losses: &mut Ledger
 
 /// Colours and lines of a material that are neither in its images nor in what all pages of a bake have in common.
 pub fn besides_pages(material: &Material) -> Vec<String> {
-    const OWN: [&str; 3] = ["ambient colour", "highlights", "emitted light"];
+    const OWN: [&str; 3] = ["ambient colour", "highlights", EMITTED];
     let colours = traits(material).into_iter().map(|(what, _)| what);
     let mut found: Vec<String> =
         colours.filter(|what| OWN.contains(what)).map(str::to_owned).collect();
@@ -112,7 +111,7 @@ fn traits(material: &Material) -> Vec<(&'static str, &'static [OutputKind])> {
         ("opacity of the colour image", &[Glb], has_clear_base),
         ("ambient colour", &[Obj], is(material.ambient, &[[0.0; 3], [1.0; 3], [r, g, b]])),
         ("highlights", &[Obj], highlights),
-        ("emitted light", &[Obj, Glb], is(material.emissive, &[[0.0; 3]])),
+        (EMITTED, &[Obj, Glb], is(material.emissive, &[[0.0; 3]])),
         ("metal and roughness", &[Obj, Glb], !is_matt),
         ("drawing of both sides", &[Glb], material.two_sided),
         ("independence of light", &[Obj, Glb], material.unlit),

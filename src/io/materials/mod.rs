@@ -15,7 +15,7 @@ mod search;
 pub use description::NUMBER;
 pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 pub use images::{copy_bytes, image_size, look as look_at_image};
-pub use losses::{BARE_FACES, BARE_REASON, besides_pages};
+pub use losses::{BARE_FACES, BARE_REASON, EMITTED, besides_pages};
 pub use mtl::{after_word, read_library, take_ambient_images};
 pub use plan::{Reference, all_missing, relative, stem};
 pub use plan::{TextureMode, TexturePlan, TextureRequest};

@@ -10,7 +10,7 @@ use crate::text_lines::{Lines, parse_number, words};
 use stonecut_system::losses::{Loss, LossKind};
 
 /// Words of lines that name an image, and its kind.
-pub(super) const MAPS: [(&str, MapKind); 7] = [
+pub(super) const MAPS: [(&str, MapKind); 9] = [
     ("map_Kd", MapKind::Base),
     ("map_Ke", MapKind::Emissive),
     ("map_d", MapKind::Opacity),
@@ -18,6 +18,8 @@ pub(super) const MAPS: [(&str, MapKind); 7] = [
     ("map_Ka", MapKind::Ambient),
     ("map_Bump", MapKind::Bump),
     ("norm", MapKind::Normal),
+    ("map_Pr", MapKind::Roughness),
+    ("map_Pm", MapKind::Metallic),
 ];
 
 /// Other words for the same.
@@ -25,8 +27,7 @@ const OTHER_MAPS: [(&str, MapKind); 3] =
     [("bump", MapKind::Bump), ("map_Norm", MapKind::Normal), ("map_opacity", MapKind::Opacity)];
 
 /// Words of lines that name a file without a place in the description.
-const LOST_FILES: [&str; 8] =
-    ["map_Ns", "map_Pr", "map_Pm", "map_Ps", "disp", "decal", "refl", "map_refl"];
+const LOST_FILES: [&str; 6] = ["map_Ns", "map_Ps", "disp", "decal", "refl", "map_refl"];
 
 /// Lines of a material that are kept as text, at most.
 const MAX_LINES: usize = 100;

@@ -60,6 +60,9 @@ impl SimplifyRun<'_> {
                 normals.mean_degrees
             ));
         }
+        for bake::MapReport { kind, bytes } in &baked.report.maps {
+            self.run.progress.note(format!("texture of {kind}, {}", show_bytes(*bytes)));
+        }
         let (written, plan) = self
             .as_write_stage(result.triangles, |stages| stages.write_with_pages(&shape, &baked))?;
         if self.level < self.config.coarser.len() {
@@ -80,7 +83,7 @@ impl SimplifyRun<'_> {
     fn bake(&mut self, result: &SurvivorInfo, shape: &Path) -> Result<Baked> {
         let (config, level, marks) = (self.config, self.level, &self.prepared.marks);
         let pack = self.survivors(result.clone())?;
-        let options = crate::pipeline::bake::options(config);
+        let options = crate::pipeline::bake::options(config)?;
         let kind = Some(OutputKind::Ply);
         let encoding = Some(Encoding::BinaryLittleEndian);
         let format = OutputFormat { kind, encoding, ..OutputFormat::default() };
@@ -262,9 +265,11 @@ fn materials_of(baked: &Baked, stem: &str) -> Result<Materials> {
     for number in 0..baked.pages.len().max(baked.normals.len()) {
         let name = format!("{stem}_{number}");
         let mut maps = Vec::new();
-        for (pages, kind, suffix) in
-            [(&baked.pages, MapKind::Base, ""), (&baked.normals, MapKind::Normal, "_normal")]
-        {
+        let first: [(_, &[MapKind], _); 2] =
+            [(&baked.pages, &[MapKind::Base], ""), (&baked.normals, &[MapKind::Normal], "_normal")];
+        let others = baked.maps.iter();
+        let others = others.map(|map| (&map.pages, map.sheet.roles(), map.sheet.suffix()));
+        for (pages, roles, suffix) in first.into_iter().chain(others) {
             let Some(page) = pages.get(number) else { continue };
             let file = Arc::new(RawFile::open(&page.path)?);
             if file.len() != page.bytes {
@@ -275,13 +280,15 @@ fn materials_of(baked: &Baked, stem: &str) -> Result<Materials> {
             // A part of a file, so that it is copied although it lies below the output's folder for now.
             let data = ImageData::Inside(Part { n_bytes: file.len(), file, offset: 0 });
             let image = out.add_image(Image { name, data });
-            maps.push(Map { kind, image, options: String::new(), wrap: None });
+            let of = |&kind: &MapKind| Map { kind, image, options: String::new(), wrap: None };
+            maps.extend(roles.iter().map(of));
         }
         out.list.push(Material {
             name,
             base: finish.base,
             metallic: finish.metallic,
             roughness: finish.roughness,
+            emissive: finish.emissive,
             alpha: match (finish.mask, finish.blends) {
                 (Some(from), _) => Alpha::Mask(from),
                 (None, true) => Alpha::Blend,

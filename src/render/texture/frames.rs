@@ -121,6 +121,22 @@ impl Axes {
     }
 }
 
+/// A direction in the axes of a normal, a tangent and the one across them on a side (1 or -1), turned outwards; `None` where
+/// these have no directions.
+pub fn outward(
+    normal: [f32; 3],
+    tangent: [f32; 3],
+    side: f32,
+    direction: [f32; 3],
+) -> Option<[f32; 3]> {
+    let [normal, tangent] = [normal, tangent].map(|axis| axis.map(f64::from));
+    let [x, y, z] = direction.map(f64::from);
+    let (tangent, normal) = (unit(tangent)?, unit(normal)?);
+    let across = scale(unit(cross(normal, tangent))?, f64::from(side));
+    let sum = add(add(scale(tangent, x), scale(across, y)), scale(normal, z));
+    unit(sum).map(|axis| axis.map(|x| x as f32))
+}
+
 /// Direction of a tangent, and its side: 1 or -1.
 pub fn unpacked([x, y, z, side]: Tangent) -> (Vec3, f64) {
     ([x, y, z].map(|x| f64::from(x) / f64::from(FULL)), if side < 0 { -1.0 } else { 1.0 })

@@ -3,7 +3,8 @@
 //! An image comes with all its halves, so that no look-up skips texels. What cannot be decoded is noted and stays without
 //! an image. Does not know materials.
 
-use super::palette::{MapUse, Palette, Picture, image_bytes};
+use super::map_use::MapUse;
+use super::palette::{Palette, Picture, image_bytes};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
 use std::sync::Arc;
@@ -598,6 +599,7 @@ mod tests {
             is_jpeg: false,
             decoder_bytes: 0,
             is_opaque,
+            is_plain: false,
         };
         for (is_opaque, seen) in [(true, [200, 40, 0, 255]), (false, [0; 4])] {
             let decoded = Decoded::new(&picture(is_opaque)).unwrap();

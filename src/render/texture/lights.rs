@@ -1,9 +1,11 @@
 //! Colours of many places: images one after the other, as many at a time as the cache holds.
 
 use super::images::{Decoded, ImageCache, Light};
-use super::palette::{MapUse, Paint, Palette};
+use super::palette::{Paint, Palette};
+use super::purpose::SEEN;
 use std::ops::Range;
 use std::sync::Arc;
+use stonecut_io::materials::MapKind;
 use stonecut_system::error::Result;
 use stonecut_system::parallel::in_order;
 use stonecut_system::progress::Progress;
@@ -22,25 +24,9 @@ pub struct Spot {
     pub apart: f64,
 }
 
-/// Role of an image at a place.
-#[derive(Clone, Copy)]
-enum Role {
-    Base,
-    Opacity,
-}
-
-impl Role {
-    fn map(self, paint: &Paint) -> Option<&MapUse> {
-        match self {
-            Role::Base => paint.base.as_ref(),
-            Role::Opacity => paint.opacity.as_ref(),
-        }
-    }
-}
-
 /// Some images that colours are looked up in.
 struct Look<'a> {
-    role: Role,
+    kind: MapKind,
     images: &'a [Option<Arc<Decoded>>],
     /// Their numbers, ascending.
     group: &'a [usize],
@@ -49,13 +35,15 @@ struct Look<'a> {
 impl Look<'_> {
     /// The factor that an image gives at a place; `None` where it has nothing to say.
     fn at(&self, paint: &Paint, image: usize, spot: &Spot, cache: &ImageCache) -> Option<Light> {
-        let map = self.role.map(paint)?;
+        let map = paint.map(self.kind)?;
         let decoded = self.images[self.group.binary_search(&image).ok()?].as_ref()?;
         let width = spot.apart * map.texels_per_coordinate;
-        let light = decoded.at(map, spot.uv, width as f32, &cache.table)?;
-        Some(match self.role {
-            Role::Base => light,
-            Role::Opacity => [decoded.opacity_of(light); 4],
+        let table = if self.kind.is_colour() { &cache.table } else { &cache.plain };
+        let light = decoded.at(map, spot.uv, width as f32, table)?;
+        Some(match self.kind {
+            MapKind::Opacity => [decoded.opacity_of(light); 4],
+            MapKind::Roughness | MapKind::Metallic => [light[map.channel]; 4],
+            _ => light,
         })
     }
 }
@@ -80,67 +68,81 @@ pub fn times_opacity([r, g, b, opacity]: Light) -> Light {
 }
 
 /// Multiplies the light of each place, which is multiplied by its opacity, with what the images of its material say.
-///
-/// Memory: 24 bytes a run of places with the same image, and the images. The outcome depends on nothing but the arguments.
 pub fn multiply(
     lights: &mut [Light],
     spots: &[Spot],
-    (palette, cache): (&Palette, &ImageCache),
+    looks: (&Palette, &ImageCache),
     threads: usize,
     progress: &Progress,
 ) -> Result<()> {
+    SEEN.into_iter().try_for_each(|kind| {
+        look_up((kind, spots), looks, threads, progress, |i, light| {
+            let own = &mut lights[i];
+            *own = std::array::from_fn(|k| own[k] * light[k]);
+        })
+    })
+}
+
+/// Gives `put` what the images of one kind say at the places that have one: linear light and opacity, or the numbers
+/// themselves.
+///
+/// Memory: 24 bytes a run of places with the same image, and the images. The outcome depends on nothing but the arguments.
+pub fn look_up(
+    (kind, spots): (MapKind, &[Spot]),
+    (palette, cache): (&Palette, &ImageCache),
+    threads: usize,
+    progress: &Progress,
+    mut put: impl FnMut(usize, Light),
+) -> Result<()> {
     let paint = |spot: &Spot| palette.paints.get(spot.material as usize);
-    for role in [Role::Base, Role::Opacity] {
-        let image = |spot: &Spot| role.map(paint(spot)?).map(|map| map.image);
-        // Neighbours mostly have the same image, so runs of them are sorted, not places.
-        let mut runs: Vec<(usize, Range<usize>)> = Vec::new();
-        for (i, spot) in spots.iter().enumerate() {
-            let Some(image) = image(spot) else { continue };
-            match runs.last_mut() {
-                Some((own, run)) if *own == image && run.end == i && run.len() < BLOCK => {
-                    run.end += 1;
-                }
-                _ => runs.push((image, i..i + 1)),
+    let image = |spot: &Spot| paint(spot)?.map(kind).map(|map| map.image);
+    // Neighbours mostly have the same image, so runs of them are sorted, not places.
+    let mut runs: Vec<(usize, Range<usize>)> = Vec::new();
+    for (i, spot) in spots.iter().enumerate() {
+        let Some(image) = image(spot) else { continue };
+        match runs.last_mut() {
+            Some((own, run)) if *own == image && run.end == i && run.len() < BLOCK => {
+                run.end += 1;
             }
+            _ => runs.push((image, i..i + 1)),
         }
-        runs.sort_by_key(|(image, run)| (*image, run.start));
-        let mut numbers: Vec<usize> = runs.iter().map(|(image, _)| *image).collect();
-        numbers.dedup();
-        let mut from = 0;
-        while from < numbers.len() {
-            let n = cache.fitting(&numbers[from..]);
-            let group = &numbers[from..from + n];
-            let images = cache.get(group, threads, progress)?;
-            let begin = runs.partition_point(|(image, _)| *image < group[0]);
-            let end = runs.partition_point(|(image, _)| *image <= group[n - 1]);
-            let blocks = blocks_of(&runs[begin..end]);
-            let look = Look { role, images: &images, group };
-            in_order(
-                blocks.len() as u64,
-                threads,
-                progress,
-                |block, out: &mut Vec<Option<Light>>| {
-                    out.clear();
-                    for (image, run) in blocks[block as usize] {
-                        out.extend(spots[run.clone()].iter().map(|spot| {
-                            paint(spot).and_then(|paint| look.at(paint, *image, spot, cache))
-                        }));
+    }
+    runs.sort_by_key(|(image, run)| (*image, run.start));
+    let mut numbers: Vec<usize> = runs.iter().map(|(image, _)| *image).collect();
+    numbers.dedup();
+    let mut from = 0;
+    while from < numbers.len() {
+        let n = cache.fitting(&numbers[from..]);
+        let group = &numbers[from..from + n];
+        let images = cache.get(group, threads, progress)?;
+        let begin = runs.partition_point(|(image, _)| *image < group[0]);
+        let end = runs.partition_point(|(image, _)| *image <= group[n - 1]);
+        let blocks = blocks_of(&runs[begin..end]);
+        let look = Look { kind, images: &images, group };
+        in_order(
+            blocks.len() as u64,
+            threads,
+            progress,
+            |block, out: &mut Vec<Option<Light>>| {
+                out.clear();
+                for (image, run) in blocks[block as usize] {
+                    out.extend(spots[run.clone()].iter().map(|spot| {
+                        paint(spot).and_then(|paint| look.at(paint, *image, spot, cache))
+                    }));
+                }
+                Ok(())
+            },
+            |block, found| {
+                let places = blocks[block as usize].iter().flat_map(|(_, run)| run.clone());
+                for (i, light) in places.zip(found.iter()) {
+                    if let Some(light) = light {
+                        put(i, *light);
                     }
-                    Ok(())
-                },
-                |block, found| {
-                    let places = blocks[block as usize].iter().flat_map(|(_, run)| run.clone());
-                    for (i, light) in places.zip(found.iter()) {
-                        if let Some(light) = light {
-                            let own = &mut lights[i];
-                            *own = std::array::from_fn(|k| own[k] * light[k]);
-                        }
-                    }
-                    Ok(())
-                },
-            )?;
-            from += n;
-        }
+                }
+                Ok(())
+            },
+        )?;
+        from += n;
     }
     Ok(())
 }

@@ -10,12 +10,15 @@ mod jpeg;
 #[cfg(feature = "ktx2")]
 mod ktx2_image;
 mod lights;
+mod map_use;
 mod page;
 mod palette;
+mod purpose;
 
-pub use frames::{Axes, FrameCorner, Tangent, tangents, unpacked};
+pub use frames::{Axes, FrameCorner, Tangent, outward, tangents, unpacked};
 pub use images::{Decoded, ImageCache, Light, pixel_of};
-pub use lights::{Spot, multiply, times_opacity};
+pub use lights::{Spot, look_up, multiply, times_opacity};
+pub use map_use::MapUse;
 pub use page::{add_corners, apart, corner_bytes};
-pub use palette::Finish;
-pub use palette::{MapUse, Paint, Palette, Purpose};
+pub use palette::{Finish, Paint, Palette};
+pub use purpose::{Purpose, SEEN, SURFACE, WantedMaps};

@@ -5,7 +5,8 @@
 
 use super::images::{Decoded, Light, LightTable};
 use super::lights::times_opacity;
-use super::palette::{MapUse, image_bytes};
+use super::map_use::MapUse;
+use super::palette::image_bytes;
 
 /// Bytes that an image of `size` takes while colours are looked up in it: as its decoder leaves it, and with halves.
 pub fn corner_bytes(size: [u32; 2]) -> u64 {

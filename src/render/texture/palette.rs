@@ -2,10 +2,13 @@
 //!
 //! Images are looked at, not decoded: kind and size from their headers. Decides what cannot be used, and says so.
 
+use super::map_use::MapUse;
+use super::purpose::{BESIDE, Meaning, Purpose, SEEN, SURFACE, meaning};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use stonecut_io::materials::{
-    Alpha, ImageData, Map, MapKind, Material, Materials, all_missing, besides_pages, look_at_image,
+    EMITTED, ImageData, Map, MapKind, Material, Materials, all_missing, besides_pages,
+    look_at_image,
 };
 use stonecut_mesh::oklab::linear_of_srgb;
 use stonecut_system::losses::{Ledger, Loss, LossKind};
@@ -18,34 +21,13 @@ pub struct Palette {
     /// Paints in the order of the numbers that faces have.
     pub paints: Vec<Paint>,
     /// Images as the materials number them; `None` for those that cannot be used or are not needed. Behind them those
-    /// that are needed both with their opacity and without, a second time.
+    /// that are needed in several meanings (with their opacity and without, as colours and as numbers), once more.
     pub images: Vec<Option<Picture>>,
     /// Number of the images without the second ones.
     n_images: usize,
+    purpose: Purpose,
     materials: Vec<Material>,
     losses: Ledger,
-}
-
-/// Use of a palette.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Purpose {
-    /// A new texture: an image that does not fit is refused; what all materials share is left to the new ones.
-    Bake,
-    /// Pictures: an image that does not fit is a note; normal maps are used, too.
-    View,
-    /// Pictures without colours: normal maps alone.
-    Relief,
-}
-
-impl Purpose {
-    /// True if images of this kind are looked up.
-    fn uses(self, kind: MapKind) -> bool {
-        match kind {
-            MapKind::Base | MapKind::Opacity => self != Purpose::Relief,
-            MapKind::Normal => self != Purpose::Bake,
-            _ => false,
-        }
-    }
 }
 
 /// An image that can be decoded.
@@ -59,6 +41,8 @@ pub struct Picture {
     pub decoder_bytes: u64,
     /// True if the opacity of its pixels does not count.
     pub is_opaque: bool,
+    /// True if its values are numbers, not colours.
+    pub is_plain: bool,
 }
 
 impl Picture {
@@ -83,8 +67,14 @@ pub struct Paint {
     pub base: Option<MapUse>,
     /// Image of opacity.
     pub opacity: Option<MapUse>,
-    /// Directions in tangent space; only for pictures.
+    /// Directions in tangent space.
     pub normal: Option<MapUse>,
+    /// Images of light, roughness, metal and shade.
+    pub others: Vec<(MapKind, MapUse)>,
+    /// Emitted light, multiplied with its image.
+    pub emitted: [f32; 3],
+    /// Roughness and share of metal, multiplied with their images.
+    pub surface: [f32; 2],
     /// Opaque from this value on, otherwise not there.
     pub mask: Option<f32>,
     /// True if light does not matter.
@@ -94,107 +84,25 @@ pub struct Paint {
 impl Paint {
     /// Its images.
     pub fn maps(&self) -> impl Iterator<Item = &MapUse> {
-        [&self.base, &self.opacity, &self.normal].into_iter().flatten()
+        let first = [&self.base, &self.opacity, &self.normal].into_iter().flatten();
+        first.chain(self.others.iter().map(|(_, map)| map))
     }
-}
 
-/// An image with the way that coordinates lead to it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MapUse {
-    /// Index of the image in the palette.
-    pub image: usize,
-    /// Width and height in pixels.
-    pub size: [u32; 2],
-    wrap: [Wrap; 2],
-    scale: [f64; 2],
-    offset: [f64; 2],
-    /// Texels of the image for a length of 1 in its coordinates.
-    pub texels_per_coordinate: f64,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Wrap {
-    Repeat,
-    Mirror,
-    Clamp,
-}
-
-impl Wrap {
-    /// Tiling as glTF numbers it.
-    fn of(number: u32) -> Wrap {
-        match number {
-            33071 => Wrap::Clamp,
-            33648 => Wrap::Mirror,
-            _ => Wrap::Repeat,
+    /// Its image of a kind.
+    pub fn map(&self, kind: MapKind) -> Option<&MapUse> {
+        match kind {
+            MapKind::Base => self.base.as_ref(),
+            MapKind::Opacity => self.opacity.as_ref(),
+            MapKind::Normal => self.normal.as_ref(),
+            _ => self.others.iter().find(|(own, _)| *own == kind).map(|(_, map)| map),
         }
     }
 
-    /// The texel that stands for number `at` of a side of `n`.
-    fn texel(self, at: i64, n: i64) -> usize {
-        // Nearly all are, and a division takes longer than all else.
-        if (0..n).contains(&at) {
-            return at as usize;
-        }
-        let at = match self {
-            Wrap::Repeat => at.rem_euclid(n),
-            Wrap::Clamp => at.clamp(0, n - 1),
-            Wrap::Mirror => {
-                let at = at.rem_euclid(2 * n);
-                at.min(2 * n - 1 - at)
-            }
-        };
-        at as usize
-    }
-}
-
-/// Coordinates that are larger come to nothing in single precision.
-const FARTHEST: f64 = 1e7;
-
-impl MapUse {
-    fn new(map: &Map, size: [u32; 2]) -> MapUse {
-        let place = map.place();
-        let wrap = map.wrap.map_or([Wrap::Repeat; 2], |wrap| wrap.map(Wrap::of));
-        let wrap = if place.is_clamped { [Wrap::Clamp; 2] } else { wrap };
-        MapUse { wrap, ..MapUse::scaled(map.image, size, place.scale, place.offset) }
-    }
-
-    /// An image that repeats.
-    fn scaled(image: usize, size: [u32; 2], scale: [f64; 2], offset: [f64; 2]) -> MapUse {
-        let [width, height] = size.map(f64::from);
-        let texels_per_coordinate = (width * height * (scale[0] * scale[1]).abs()).sqrt();
-        MapUse { image, size, wrap: [Wrap::Repeat; 2], scale, offset, texels_per_coordinate }
-    }
-
-    /// An image that does not repeat, with coordinates from 0 to 1 that lead to all of it.
-    pub(super) fn whole(size: [u32; 2]) -> MapUse {
-        MapUse { wrap: [Wrap::Clamp; 2], ..MapUse::scaled(0, size, [1.0; 2], [0.0; 2]) }
-    }
-
-    /// Place in an image of `size` at coordinates, v upwards: the four texels around it, and shares of the right and
-    /// lower ones. `None` where coordinates are not numbers.
-    pub fn texels(&self, uv: [f32; 2], size: [u32; 2]) -> Option<([[usize; 2]; 2], [f32; 2])> {
-        let uv = [0, 1].map(|k| f64::from(uv[k]) * self.scale[k] + self.offset[k]);
-        if !uv.iter().all(|x| x.abs() < FARTHEST) {
-            return None;
-        }
-        let at = [uv[0], 1.0 - uv[1]];
-        let at = [0, 1].map(|k| at[k] * f64::from(size[k]) - 0.5);
-        let low = at.map(f64::floor);
-        let texel = |k: usize, step: i64| {
-            self.wrap[k].texel(low[k] as i64 + step, i64::from(size[k].max(1)))
-        };
-        let share = [0, 1].map(|k| (at[k] - low[k]) as f32);
-        Some(([[texel(0, 0), texel(0, 1)], [texel(1, 0), texel(1, 1)]], share))
-    }
-
-    /// True if coordinates are numbers that a texel can be found for.
-    pub fn leads_to_texels(&self, uv: [f32; 2]) -> bool {
-        self.texels(uv, self.size).is_some()
-    }
-
-    /// Texels of the image for a length of 1 along each of its coordinates.
-    pub fn texels_along(&self) -> [f32; 2] {
-        [0, 1].map(|k| (f64::from(self.size[k]) * self.scale[k].abs()) as f32)
+    /// The image with the most texels for a length in its coordinates.
+    pub fn densest(&self) -> Option<&MapUse> {
+        let denser =
+            |a: &&MapUse, b: &&MapUse| a.texels_per_coordinate.total_cmp(&b.texels_per_coordinate);
+        self.maps().max_by(denser)
     }
 }
 
@@ -215,6 +123,9 @@ pub struct Finish {
     pub metallic: Option<f32>,
     /// Roughness.
     pub roughness: Option<f32>,
+    /// Emitted light as screens show it.
+    #[serde(default)]
+    pub emissive: Option<[f32; 3]>,
 }
 
 impl Palette {
@@ -226,39 +137,52 @@ impl Palette {
             paints: Vec::new(),
             images: Vec::new(),
             n_images: materials.images.len(),
+            purpose,
             materials: materials.list.clone(),
             losses: Ledger::default(),
         };
         palette.look(materials, purpose);
-        let opaque = palette.part_opaque(purpose);
+        let places = palette.part_meanings();
         let images = &palette.images;
         let use_of = |material: &Material, kind: MapKind| {
-            let map = material.maps.iter().find(|map| map.kind == kind)?;
-            let used = MapUse::new(map, images[map.image].as_ref()?.size);
-            let image = match is_opaque(material, kind) {
-                true => opaque.get(&map.image).copied().unwrap_or(map.image),
-                false => map.image,
-            };
-            Some(MapUse { image, ..used })
+            let map = material.map(kind).filter(|_| purpose.uses(kind))?;
+            let picture = images[map.image].as_ref()?;
+            let image = places[&(map.image, meaning(material, kind, picture.is_jpeg))];
+            Some(MapUse::new(&Map { image, ..map.clone() }, picture.size))
         };
-        let paint = |material: &Material| Paint {
-            factor: linear(material.base),
-            base: use_of(material, MapKind::Base),
-            opacity: use_of(material, MapKind::Opacity),
-            normal: match purpose {
-                Purpose::Bake => None,
-                Purpose::View | Purpose::Relief => use_of(material, MapKind::Normal),
-            },
-            mask: material.alpha.cutoff(),
-            unlit: material.unlit,
+        let paint = |material: &Material| {
+            let of_kind = |&kind: &MapKind| Some((kind, use_of(material, kind)?));
+            let others: Vec<_> = BESIDE.iter().filter_map(of_kind).collect();
+            let has = |kinds: &[MapKind]| others.iter().any(|(kind, _)| kinds.contains(kind));
+            let full = |is_so: bool| if is_so { 1.0 } else { 0.0 };
+            // As the writer of glTF has it.
+            let is_metal = has(&[MapKind::MetallicRoughness, MapKind::Metallic]);
+            let [r, g, b] = material.emissive.unwrap_or([full(has(&[MapKind::Emissive])); 3]);
+            let [r, g, b, _] = linear([r, g, b, 1.0]);
+            let share = |x: f32| if x.is_finite() { x.clamp(0.0, 1.0) } else { 1.0 };
+            Paint {
+                factor: linear(material.base),
+                base: use_of(material, MapKind::Base),
+                opacity: use_of(material, MapKind::Opacity),
+                normal: use_of(material, MapKind::Normal),
+                surface: [
+                    share(material.roughness.unwrap_or(1.0)),
+                    share(material.metallic.unwrap_or(full(is_metal))),
+                ],
+                emitted: [r, g, b],
+                others,
+                mask: material.alpha.cutoff(),
+                unlit: material.unlit,
+            }
         };
         let mut paints: Vec<Paint> = materials.list.iter().map(paint).collect();
         // What all share stays with the material, where every viewer treats it as it did.
-        if purpose == Purpose::Bake && palette.common_base().is_some() {
+        let bakes = matches!(purpose, Purpose::Bake(_));
+        if bakes && palette.common_base().is_some() {
             paints.iter_mut().for_each(|paint| paint.factor = [1.0; 4]);
         }
         palette.paints = paints;
-        if purpose == Purpose::Bake {
+        if bakes {
             palette.enter_losses();
         }
         palette
@@ -270,6 +194,8 @@ impl Palette {
             materials.list.iter().any(|material| material.maps.iter().any(uses))
         };
         let is_needed = |number: usize| is_used(number, &|kind| purpose.uses(kind));
+        let is_seen =
+            |number: usize| is_used(number, &|kind| SEEN.contains(&kind) && purpose.uses(kind));
         for (number, image) in materials.images.iter().enumerate() {
             if !is_needed(number) {
                 self.images.push(None);
@@ -298,6 +224,7 @@ impl Palette {
                     decoder_bytes: 2 * facts.n_bytes
                         + u64::from(size[0]) * u64::from(size[1]) * facts.decoder_pixel_bytes,
                     is_opaque: false,
+                    is_plain: false,
                 }),
                 Err(fault) => Err(fault),
             };
@@ -310,50 +237,54 @@ impl Palette {
                         self.losses.lose(loss.example(name));
                     }
                 }
-                Err(fault) => self.lose_image(&name, &fault),
+                Err(fault) => self.lose_image(&name, &fault, is_seen(number)),
             }
         }
-        let n_needed = (0..materials.images.len()).filter(|&number| is_needed(number)).count();
-        if n_needed > 0 && self.images.iter().all(Option::is_none) {
-            self.losses.lose(all_missing(n_needed));
+        // Without colours a mesh is not what it was, whatever other images are there.
+        let mut needed: Vec<usize> = (0..self.images.len()).filter(|&n| is_needed(n)).collect();
+        if needed.iter().any(|&number| is_seen(number)) {
+            needed.retain(|&number| is_seen(number));
+        }
+        if !needed.is_empty() && needed.iter().all(|&number| self.images[number].is_none()) {
+            self.losses.lose(all_missing(needed.len()));
         }
     }
 
     /// Takes the next image as one that cannot be used.
-    fn lose_image(&mut self, name: &str, fault: &str) {
+    fn lose_image(&mut self, name: &str, fault: &str, is_seen: bool) {
         self.images.push(None);
-        let reason = format!("{fault}: its material's colour stands for it");
+        let what = if is_seen { "colour stands" } else { "values stand" };
+        let reason = format!("{fault}: its material's {what} for it");
         let loss = Loss::new(LossKind::Images, "image", reason).example(name);
         self.losses.lose(loss);
     }
 
-    /// Makes the colour images of opaque materials opaque; returns the number that each has for these.
-    ///
-    /// An image that is also used otherwise gets a second place.
-    fn part_opaque(&mut self, purpose: Purpose) -> BTreeMap<usize, usize> {
-        let (mut opaque, mut others) = (BTreeMap::new(), BTreeSet::new());
+    /// Gives every image its meaning, and a second place where it has another one besides; returns the places.
+    fn part_meanings(&mut self) -> BTreeMap<(usize, Meaning), usize> {
+        let mut meanings = BTreeSet::new();
         for material in &self.materials {
-            for map in material.maps.iter().filter(|map| purpose.uses(map.kind)) {
-                if is_opaque(material, map.kind) {
-                    opaque.insert(map.image, map.image);
-                } else {
-                    others.insert(map.image);
+            for map in material.maps.iter().filter(|map| self.purpose.uses(map.kind)) {
+                if let Some(picture) = &self.images[map.image] {
+                    meanings.insert((map.image, meaning(material, map.kind, picture.is_jpeg)));
                 }
             }
         }
-        for (image, place) in &mut opaque {
-            // A JPEG has no opacity.
-            let picture = self.images[*image].as_mut().filter(|picture| !picture.is_jpeg);
-            let Some(picture) = picture else { continue };
-            if others.contains(image) {
-                let second = Picture { is_opaque: true, ..picture.clone() };
-                *place = self.images.len();
+        let (mut places, mut last) = (BTreeMap::new(), None);
+        for (image, meaning) in meanings {
+            let Some(picture) = self.images[image].as_mut() else { continue };
+            let Meaning { is_opaque, is_plain } = meaning;
+            let mut place = image;
+            if last == Some(image) {
+                let second = Picture { is_opaque, is_plain, ..picture.clone() };
+                place = self.images.len();
                 self.images.push(Some(second));
             } else {
-                picture.is_opaque = true;
+                (picture.is_opaque, picture.is_plain) = (is_opaque, is_plain);
             }
+            places.insert((image, meaning), place);
+            last = Some(image);
         }
-        opaque
+        places
     }
 
     /// Enters what of the materials has no place on the pages.
@@ -361,8 +292,10 @@ impl Palette {
         let is_mixed = |of: fn(&Material) -> Option<f32>| {
             self.materials.windows(2).any(|pair| of(&pair[0]) != of(&pair[1]))
         };
+        let beside = self.purpose.beside();
+        let is_mixed_metal = is_mixed(|m| m.metallic) || is_mixed(|m| m.roughness);
         let differ = [
-            ("metal and roughness", is_mixed(|m| m.metallic) || is_mixed(|m| m.roughness)),
+            ("metal and roughness", is_mixed_metal && !beside.surface),
             ("cut-off of opacity", is_mixed(|m| m.alpha.cutoff())),
             ("independence of light", is_mixed(|m| m.unlit.then_some(1.0))),
         ];
@@ -375,9 +308,11 @@ impl Palette {
         }
         for material in &self.materials {
             let maps = material.maps.iter().map(|map| map.kind);
-            let maps = maps.filter(|kind| !matches!(kind, MapKind::Base | MapKind::Opacity));
+            let maps = maps.filter(|kind| !self.purpose.uses(*kind));
             let names = maps.map(|kind| kind.name().to_owned());
-            for what in names.chain(besides_pages(material)) {
+            let others = besides_pages(material);
+            let others = others.into_iter().filter(|what| !beside.surface || what != EMITTED);
+            for what in names.chain(others) {
                 let first = || (0, format!("material '{}'", material.name));
                 lost.entry(what).or_insert_with(first).0 += 1;
             }
@@ -433,9 +368,33 @@ impl Palette {
         self.images.iter().any(Option::is_some)
     }
 
-    /// True if all images are photographs in the way of JPEG.
-    pub fn is_photographic(&self) -> bool {
-        self.has_images() && self.images.iter().flatten().all(|picture| picture.is_jpeg)
+    /// True if there are images of these kinds, all photographs in the way of JPEG.
+    pub fn is_photographic(&self, kinds: &[MapKind]) -> bool {
+        let is_jpeg = |map: &MapUse| self.images[map.image].as_ref().is_some_and(|p| p.is_jpeg);
+        let all = |paint: &Paint| kinds.iter().filter_map(|&kind| paint.map(kind)).all(is_jpeg);
+        self.has_any(kinds) && self.paints.iter().all(all)
+    }
+
+    /// True if any material has an image of one of these kinds.
+    fn has_any(&self, kinds: &[MapKind]) -> bool {
+        self.paints.iter().any(|paint| kinds.iter().any(|&kind| paint.map(kind).is_some()))
+    }
+
+    /// True if pages of emitted light are wanted: materials have images of it, or differ in it.
+    pub fn has_emission(&self) -> bool {
+        let differs = self.paints.windows(2).any(|pair| pair[0].emitted != pair[1].emitted);
+        self.purpose.beside().surface && (differs || self.has_any(&[MapKind::Emissive]))
+    }
+
+    /// True if pages of roughness, metal and shade are wanted.
+    pub fn has_surface(&self) -> bool {
+        let differs = self.paints.windows(2).any(|pair| pair[0].surface != pair[1].surface);
+        self.purpose.beside().surface && (differs || self.has_any(&SURFACE))
+    }
+
+    /// True if any material has an image of ambient shade that is of use.
+    pub fn has_occlusion(&self) -> bool {
+        self.has_any(&[MapKind::Occlusion])
     }
 
     /// Colour and opacity of all materials, if they are the same and every one has an image.
@@ -465,15 +424,21 @@ impl Palette {
             blends: mask.is_none() && is_clear,
             two_sided: list.iter().any(|material| material.two_sided),
             unlit: !list.is_empty() && list.iter().all(|material| material.unlit),
-            metallic: same(list.iter().map(|material| material.metallic)),
-            roughness: same(list.iter().map(|material| material.roughness)),
+            metallic: match self.has_surface() {
+                true => Some(1.0),
+                false => same(list.iter().map(|material| material.metallic)),
+            },
+            roughness: match self.has_surface() {
+                true => Some(1.0),
+                false => same(list.iter().map(|material| material.roughness)),
+            },
+            emissive: match self.has_emission() {
+                true => Some([1.0; 3]),
+                false => same(list.iter().map(|material| material.emissive))
+                    .filter(|light| self.purpose.beside().surface && *light != [0.0; 3]),
+            },
         }
     }
-}
-
-/// True if the opacity of a material's image of this kind does not count.
-fn is_opaque(material: &Material, kind: MapKind) -> bool {
-    material.alpha == Alpha::Opaque && kind == MapKind::Base
 }
 
 /// A material's colour in linear light.
@@ -487,18 +452,8 @@ fn linear(base: [f32; 4]) -> [f32; 4] {
 mod tests {
     use super::*;
     use std::sync::Arc;
-    use stonecut_io::materials::{Image, Part};
+    use stonecut_io::materials::{Alpha, Image, Part};
     use stonecut_io::ply::raw::RawFile;
-
-    fn map(options: &str, wrap: Option<[u32; 2]>) -> MapUse {
-        let map = Map { kind: MapKind::Base, image: 0, options: options.to_owned(), wrap };
-        MapUse::new(&map, [4, 2])
-    }
-
-    /// Texels of the upper left corner for coordinates at the middle of a texel.
-    fn at(map: &MapUse, uv: [f32; 2]) -> Option<[usize; 2]> {
-        map.texels(uv, [4, 2]).map(|(texels, _)| [texels[0][0], texels[1][0]])
-    }
 
     /// A glTF material without `alphaMode` and one with a mask share an image with opacity.
     #[test]
@@ -519,7 +474,7 @@ mod tests {
         let images = |list: &[Alpha]| {
             let mut materials = materials.clone();
             materials.list = list.iter().map(|alpha| material(*alpha)).collect();
-            let palette = Palette::new(Some(&materials), Purpose::Bake);
+            let palette = Palette::new(Some(&materials), Purpose::Bake(WantedMaps::default()));
             assert_eq!(palette.n_pixels(), 8);
             let numbers = palette.paints.iter().map(|paint| paint.base.as_ref().unwrap().image);
             let opaque = palette.images.iter().flatten().map(|picture| picture.is_opaque);
@@ -529,23 +484,5 @@ mod tests {
         assert_eq!(images(&[Alpha::Plain, Alpha::Blend]), (vec![0, 0], vec![false]));
         let mixed = [Alpha::Opaque, Alpha::Mask(0.5), Alpha::Opaque];
         assert_eq!(images(&mixed), (vec![1, 0, 1], vec![false, true]));
-    }
-
-    #[test]
-    fn coordinates_lead_to_texels_whatever_they_are() {
-        let plain = map("", None);
-        assert_eq!(at(&plain, [0.125, 0.75]), Some([0, 0]));
-        assert_eq!(at(&plain, [0.875, 0.25]), Some([3, 1]));
-        assert_eq!(at(&plain, [7.125, -1.25]), Some([0, 0]));
-        assert_eq!(at(&plain, [f32::NAN, 0.0]), None);
-        assert_eq!(at(&plain, [f32::INFINITY, 0.0]), None);
-        assert_eq!(at(&plain, [3e38, 0.0]), None);
-        let clamped = map("-clamp on", None);
-        assert_eq!(at(&clamped, [7.125, -1.25]), Some([3, 1]));
-        let mirrored = map("", Some([33648, 10497]));
-        assert_eq!(at(&mirrored, [1.125, 0.75]), Some([3, 0]));
-        let scaled = map("-s 2 1 1 -o 0.25 0", None);
-        assert_eq!(at(&scaled, [0.0625, 0.75]), Some([1, 0]));
-        assert_eq!(scaled.texels_per_coordinate, 4.0);
     }
 }

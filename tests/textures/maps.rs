@@ -1,0 +1,192 @@
+//! Maps of the input besides its colours are baked like these: directions, emitted light, roughness, metal, shade.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use crate::bake::{look_up, points_of, sheet};
+use crate::common::{expect, glb_json};
+use crate::normals::{degrees_between, directions, dot, read, unit};
+use base64::Engine;
+use image::{Luma, Rgb, RgbImage};
+use serde_json::json;
+use std::path::Path;
+
+/// Images of several sizes whose values rise along a coordinate, and a normal map that leans towards u on the left, towards v on the right.
+fn images(folder: &Path) {
+    let share = |x: u32, n: u32| (255.0 * (f64::from(x) + 0.5) / f64::from(n)) as u8;
+    let colour = RgbImage::from_fn(32, 32, |x, y| Rgb([90, share(x, 32), share(y, 32)]));
+    let light = RgbImage::from_fn(64, 32, |x, y| Rgb([share(x, 64), 0, 255 - share(y, 32)]));
+    let rough = image::GrayImage::from_fn(16, 16, |x, _| Luma([share(x, 16)]));
+    let metal = image::GrayImage::from_fn(48, 48, |_, y| Luma([255 - share(y, 48)]));
+    let normal = RgbImage::from_fn(64, 64, |x, _| {
+        Rgb(if x < 32 { [204, 128, 230] } else { [128, 204, 230] })
+    });
+    colour.save(folder.join("colour.png")).unwrap();
+    light.save(folder.join("light.png")).unwrap();
+    rough.save(folder.join("rough.png")).unwrap();
+    metal.save(folder.join("metal.png")).unwrap();
+    normal.save(folder.join("normal.png")).unwrap();
+}
+
+const LIBRARY: &str = "newmtl only\nKd 1 1 1\nKe 1 1 1\nmap_Kd colour.png\nmap_Ke light.png\nmap_Pr rough.png\n\
+    map_Pm metal.png\nnorm normal.png\n";
+
+/// The image that a library names in a line.
+fn page(folder: &Path, name: &str, word: &str) -> RgbImage {
+    let library = std::fs::read_to_string(folder.join(format!("{name}.mtl"))).unwrap();
+    let path = library.lines().find_map(|line| line.strip_prefix(word));
+    let path = path.unwrap_or_else(|| panic!("{word}\n{library}"));
+    image::open(folder.join(path.trim())).unwrap().into_rgb8()
+}
+
+/// The image of a GLB whose name has this end.
+fn embedded(path: &Path, end: &str) -> RgbImage {
+    let (bytes, document) = (std::fs::read(path).unwrap(), glb_json(path));
+    let binary = 28 + u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let images = document["images"].as_array().unwrap();
+    let image = images.iter().find(|image| image["name"].as_str().unwrap().ends_with(end));
+    let view = &document["bufferViews"][image.unwrap()["bufferView"].as_u64().unwrap() as usize];
+    let [at, n] = ["byteOffset", "byteLength"].map(|key| view[key].as_u64().unwrap() as usize);
+    image::load_from_memory(&bytes[binary + at..][..n]).unwrap().into_rgb8()
+}
+
+/// Coordinates turned by a quarter, and mirrored: the frames of the input are not those of the result.
+#[test]
+fn maps_besides_colour_are_baked() {
+    for (name, uv) in
+        [("turned", (|x, y| [y, 1.0 - x]) as fn(f64, f64) -> [f64; 2]), ("mirrored", |x, y| [y, x])]
+    {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path();
+        images(folder);
+        let text = |x: f64, y: f64| {
+            let [u, v] = uv(x, y);
+            format!("{u} {v}")
+        };
+        sheet(folder, text, LIBRARY);
+        let command = format!("simplify sheet.obj {name}.obj --ratio 20% --texture bake");
+        let said = expect(folder, &command, 0);
+        assert!(
+            !said.contains("not baked") && said.contains("texture of image of metal"),
+            "{said}"
+        );
+        let (faces, map) = read(folder, name);
+        let pages = ["map_Ke", "map_Pr", "map_Pm"].map(|word| (word, page(folder, name, word)));
+        for face in &faces {
+            let corners = face.map(|([x, y, _], [u, v], _)| [x, y, u, v]);
+            for [x, y, u, v] in points_of(corners) {
+                let [s, t] = uv(x, y);
+                // Beyond the middles of the first and last pixels images repeat.
+                if [s, t].iter().any(|x| !(0.04..0.96).contains(x)) {
+                    continue;
+                }
+                let [light, rough, metal] = pages.each_ref().map(|(_, page)| look_up(page, [u, v]));
+                for (seen, wanted) in
+                    [(light[0], s), (light[2], t), (light[1], 0.0), (rough[0], s), (metal[1], t)]
+                {
+                    assert!((seen - 255.0 * wanted).abs() < 8.0, "{name} {x} {y}: {seen} {wanted}");
+                }
+            }
+        }
+        let mut off: Vec<f64> = Vec::new();
+        for ([x, y, _], seen) in directions(&faces, &map) {
+            let slopes = [
+                0.1 * (5.0 * x).cos() * (4.0 * y).cos(),
+                -0.08 * (5.0 * x).sin() * (4.0 * y).sin(),
+            ];
+            let normal = unit([-slopes[0], -slopes[1], 1.0]);
+            // The direction along the sheet in which the coordinate rises that the map leans to.
+            let [s, t] = uv(x, y);
+            let (leans_to_u, is_clear) =
+                (s < 0.5, (0.05..0.95).contains(&s) && (s - 0.5).abs() > 0.05);
+            if !is_clear || !(0.05..0.95).contains(&t) {
+                continue;
+            }
+            let along = match (leans_to_u, name) {
+                (true, _) => [0.0, 1.0, 0.0],
+                (false, "turned") => [-1.0, 0.0, 0.0],
+                (false, _) => [1.0, 0.0, 0.0],
+            };
+            let up = dot(along, normal);
+            let across = unit([0, 1, 2].map(|k| along[k] - up * normal[k]));
+            let wanted = [0, 1, 2].map(|k| 0.6 * across[k] + 0.8 * normal[k]);
+            off.push(degrees_between(seen, wanted));
+        }
+        off.sort_by(f64::total_cmp);
+        assert!(off[off.len() / 2] < 1.5 && off[off.len() * 98 / 100] < 5.0, "{name}: {off:?}");
+        // GLB has roughness and metal in one image, in the same places.
+        expect(folder, &format!("simplify sheet.obj {name}.glb --ratio 20% --texture bake -q"), 0);
+        let surface = embedded(&folder.join(format!("{name}.glb")), "_surface");
+        let [_, (_, rough), (_, metal)] = &pages;
+        let same = surface.pixels().zip(rough.pixels()).zip(metal.pixels());
+        assert!(
+            same.clone().all(|((both, rough), metal)| both[1] == rough[0] && both[2] == metal[0])
+        );
+        assert_eq!(embedded(&folder.join(format!("{name}.glb")), "_emission"), pages[0].1);
+        let material = &glb_json(&folder.join(format!("{name}.glb")))["materials"][0];
+        assert!(material["normalTexture"].is_object() && material["emissiveTexture"].is_object());
+        assert_eq!(material["emissiveFactor"], json!([1.0, 1.0, 1.0]));
+        assert_eq!(material["pbrMetallicRoughness"]["metallicFactor"], 1.0);
+    }
+}
+
+/// Two squares of glTF: one has an image of shade, both have the same one of roughness and metal, of another factor.
+#[test]
+fn shade_and_factors_of_gltf_are_baked() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    let shade = RgbImage::from_pixel(8, 8, Rgb([100, 7, 9]));
+    shade.save(folder.join("shade.png")).unwrap();
+    RgbImage::from_pixel(4, 4, Rgb([0, 200, 50])).save(folder.join("surface.png")).unwrap();
+    let mut bytes: Vec<u8> = Vec::new();
+    for x in [0f32, 2.0] {
+        for [x, y] in [[x, 0.0], [x + 1.0, 0.0], [x + 1.0, 1.0], [x, 1.0]] {
+            bytes.extend([x, y, 0.0].map(f32::to_le_bytes).as_flattened());
+        }
+    }
+    for uv in [[0f32, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]] {
+        bytes.extend(uv.map(f32::to_le_bytes).as_flattened());
+    }
+    bytes.extend([0u8, 1, 2, 0, 2, 3]);
+    let data = base64::engine::general_purpose::STANDARD.encode(&bytes);
+    let accessor = |at: usize, component: u32, count: u32, kind: &str| json!({ "bufferView": 0, "byteOffset": at, "componentType": component, "count": count, "type": kind });
+    let square = |positions: u32, material: u32| json!({ "attributes": { "POSITION": positions, "TEXCOORD_0": 2 }, "indices": 3, "material": material });
+    let surface = |factor: f64| json!({ "metallicRoughnessTexture": { "index": 1 }, "roughnessFactor": factor });
+    let document = json!({
+        "asset": { "version": "2.0" },
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [square(0, 0), square(1, 1)] }],
+        "materials": [
+            { "pbrMetallicRoughness": surface(1.0), "occlusionTexture": { "index": 0 } },
+            { "pbrMetallicRoughness": surface(0.5), "emissiveFactor": [0, 0, 1] },
+        ],
+        "textures": [{ "source": 0 }, { "source": 1 }],
+        "images": [{ "uri": "shade.png" }, { "uri": "surface.png" }],
+        "accessors": [
+            accessor(0, 5126, 4, "VEC3"), accessor(48, 5126, 4, "VEC3"), accessor(96, 5126, 4, "VEC2"),
+            accessor(128, 5121, 6, "SCALAR"),
+        ],
+        "bufferViews": [{ "buffer": 0, "byteLength": bytes.len() }],
+        "buffers": [{
+            "byteLength": bytes.len(), "uri": format!("data:application/octet-stream;base64,{data}"),
+        }],
+    });
+    std::fs::write(folder.join("in.gltf"), document.to_string()).unwrap();
+    let said = expect(folder, "simplify in.gltf out.glb --triangles 4 --texture bake", 0);
+    assert!(!said.contains("not baked"), "{said}");
+    let count =
+        |image: &RgbImage, wanted: [u8; 3]| image.pixels().filter(|p| p.0 == wanted).count();
+    let out = folder.join("out.glb");
+    let surface = embedded(&out, "_surface");
+    assert!(count(&surface, [100, 200, 50]) > 60 && count(&surface, [255, 100, 50]) > 60);
+    let light = embedded(&out, "_emission");
+    assert!(count(&light, [0, 0, 255]) > 60 && count(&light, [0; 3]) > 60);
+    let material = &glb_json(&out)["materials"][0];
+    assert_eq!(
+        material["occlusionTexture"],
+        material["pbrMetallicRoughness"]["metallicRoughnessTexture"]
+    );
+    // OBJ has no place for shade, and says so.
+    let said = expect(folder, "simplify in.gltf out.obj --triangles 4 --texture bake", 0);
+    assert!(said.contains("image of ambient shade") && said.contains("not baked"), "{said}");
+}
