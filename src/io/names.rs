@@ -5,6 +5,7 @@
 //! its way from a reader to a writer, so names travel as every other label of faces does. Where all faces have one name there
 //! is only the comment.
 
+use super::sidecars::crs_of;
 use std::collections::HashMap;
 use std::path::Path;
 use std::rc::Rc;
@@ -230,7 +231,9 @@ pub(super) fn is_name(comment: &str) -> bool {
 
 /// The loss of the comments of a mesh, if it has any.
 pub fn lost_comments(comments: &[String], infos: &[String], reason: &str) -> Option<Loss> {
-    let n = own_comments(comments, infos).len() as u64;
+    // Tiles and STL have the system of a map, too.
+    let is_lost = |line: &&str| crs_of(line).is_none();
+    let n = own_comments(comments, infos).into_iter().filter(is_lost).count() as u64;
     (n > 0).then(|| Loss::new(LossKind::Names, "comments", reason).count(n).notice())
 }
 

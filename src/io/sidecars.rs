@@ -3,7 +3,7 @@
 //! | program | file |
 //! |---|---|
 //! | ContextCapture, iTwin | `metadata.xml` beside the mesh or one or two folders above: `SRS`, `SRSOrigin` |
-//! | OpenDroneMap | `odm_georeferencing_model_geo.txt` or `coords.txt` beside the mesh or in `odm_georeferencing`: zone and offset |
+//! | OpenDroneMap | `odm_georeferencing_model_geo.txt` or `coords.txt` beside the mesh, or in `odm_georeferencing` beside its folder `odm_...`: zone and offset |
 //! | Metashape, RealityCapture and others | `NAME.prj` (WKT with a code), `NAME.xyz`, `NAME_offset.xyz` or `offset.xyz`: three numbers |
 //!
 //! | in the file | comment |
@@ -13,7 +13,7 @@
 //! | scanners | `epsg n`, `offsetx X`, `offsety Y`, `offsetz Z` |
 
 use crate::globe::code_of;
-use crate::ply::MeshSource;
+use crate::ply::{MeshSource, VertexBlock};
 use std::path::{Path, PathBuf};
 use stonecut_mesh::placing::{SUBTRACTED, offset_of, offset_words};
 use stonecut_system::disk::read_regular;
@@ -47,9 +47,15 @@ impl MeshSource {
         if self.comments().iter().any(is_own) {
             found.offset = [0.0; 3];
         }
-        let [x, y, z] = found.offset;
         // Maps have z upwards, glTF has y.
-        let offset = if self.file_format() == "glTF" { [x, z, -y] } else { found.offset };
+        let in_file = |[x, y, z]: [f64; 3]| match self.file_format() {
+            "glTF" => [x, z, -y],
+            _ => [x, y, z],
+        };
+        if self.lies_near(in_file(found.offset)) {
+            found.offset = [0.0; 3];
+        }
+        let offset = in_file(found.offset);
         let crs = if found.crs.is_empty() { UNKNOWN } else { &found.crs };
         let mut comments = vec![format!("{CRS}{crs}")];
         if offset != [0.0; 3] {
@@ -57,6 +63,18 @@ impl MeshSource {
         }
         self.take_place(comments, &found.found_in);
         Some(found)
+    }
+
+    /// Returns whether the mesh lies where an offset would take it: its coordinates have the offset already.
+    fn lies_near(&self, offset: [f64; 3]) -> bool {
+        let far = offset.into_iter().fold(0.0, |far: f64, x| far.max(x.abs()));
+        let mut block = VertexBlock::default();
+        if far < LEAST_FAR || self.n_vertices() == 0 || self.read_vertices(0, &mut block).is_err() {
+            return false;
+        }
+        let schema = self.schema();
+        let first = block.records.get(..schema.record_bytes()).map(|row| schema.position(row));
+        first.is_some_and(|p| (0..3).all(|k| (p[k] - offset[k]).abs() <= NEAR * far))
     }
 
     /// Adds the remark on the place that was found beside a mesh.
@@ -74,6 +92,10 @@ impl MeshSource {
         })
     }
 }
+
+/// Offsets of maps are larger, and meshes that count from them are smaller than this share of the offset.
+const LEAST_FAR: f64 = 10_000.0;
+const NEAR: f64 = 0.2;
 
 /// Begins the remark on a place.
 pub const LIES_AT: &str = "lies at ";
@@ -132,9 +154,12 @@ impl Georeference {
         let above = folder.join("..");
         let higher = above.join("..");
         let found = [folder, &above, &higher].iter().find_map(|at| of_context_capture(at));
-        let geo = || above.join("odm_georeferencing");
-        let found =
-            found.or_else(|| [folder.to_path_buf(), geo()].iter().find_map(|at| of_odm(at)));
+        let is_odm = || {
+            let name =
+                std::fs::canonicalize(folder).ok()?.file_name()?.to_string_lossy().into_owned();
+            name.starts_with("odm_").then(|| above.join("odm_georeferencing"))
+        };
+        let found = found.or_else(|| of_odm(folder)).or_else(|| of_odm(&is_odm()?));
         found.or_else(|| of_name(mesh, folder))
     }
 
@@ -276,7 +301,7 @@ mod tests {
         ];
         for (name, text, crs, offset) in rows {
             let home = tempfile::tempdir().unwrap();
-            let folder = home.path().join("a/b");
+            let folder = home.path().join("a/odm_texturing");
             std::fs::create_dir_all(folder.join("../odm_georeferencing")).unwrap();
             std::fs::write(folder.join(name), text).unwrap();
             let found = Georeference::beside(&folder.join("tile.obj")).unwrap();

@@ -142,6 +142,8 @@ fn a_place_that_files_beside_name_is_carried() {
     let folder = folder.path();
     tower(folder, "float", [0.0; 3]);
     let xml = "<ModelMetadata><SRS>EPSG:32633</SRS><SRSOrigin>500400,4600200,100</SRSOrigin></ModelMetadata>";
+    std::fs::create_dir(folder.join("map")).unwrap();
+    expect(folder, "convert in.ply map/tile.obj --translate 500400,4600200,100", 0);
     std::fs::write(folder.join("metadata.xml"), xml).unwrap();
     let lies_at = |file: &str| place_of(folder, file);
     let whole = "lies at EPSG:32633, offset 500400 4600200 100";
@@ -178,6 +180,9 @@ fn a_place_that_files_beside_name_is_carried() {
         expect(folder, &format!("convert {input} moved.ply --force {options}"), 0);
         assert_eq!(lies_at("moved.ply"), format!("lies at EPSG:32633, offset {wanted}"), "{words}");
     }
+    // A mesh whose coordinates are those of the map already is not moved.
+    std::fs::copy(folder.join("metadata.xml"), folder.join("map/metadata.xml")).unwrap();
+    assert_eq!(lies_at("map/tile.obj"), "lies at EPSG:32633, offset 0 0 0 (metadata.xml)");
     // glTF has y upwards, maps have z.
     std::fs::create_dir(folder.join("up")).unwrap();
     std::fs::rename(folder.join("metadata.xml"), folder.join("up/metadata.xml")).unwrap();
