@@ -19,6 +19,8 @@ pub(super) enum Mode {
     Seams,
     /// `--progressive`.
     Progressive,
+    /// `--close`, or `--for`, which stands for it.
+    Closing,
 }
 
 impl Mode {
@@ -42,6 +44,9 @@ impl Mode {
             Mode::Progressive => {
                 format!("--progressive records collapses of one finish: not with {option}")
             }
+            Mode::Closing => format!(
+                "--close (or --for) fills holes far from the input's surface, and needs their borders free: not with {option}"
+            ),
         }
     }
 }

@@ -35,6 +35,7 @@ mod serve;
 mod session;
 mod signals;
 mod simplify;
+mod solid;
 mod split;
 mod status;
 mod synth;

@@ -14,6 +14,7 @@ use crate::system::losses::{Loss, LossKind};
 use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
 use crate::system::units::{show_bytes, show_count, show_length, show_outward};
+use std::collections::BTreeMap;
 
 /// Enters what faces have lost in the ledger, and the ledger in the report.
 pub(super) fn close(report: &mut RunReport, progress: &Progress) {
@@ -112,6 +113,7 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     if let Some(components) = &report.components {
         log.say(component_line(components));
     }
+    solid_lines(&report.changes).into_iter().for_each(|line| log.say(line));
     for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
         log.say(format!("  {n} {} dropped", name.replace('_', " ")));
     }
@@ -169,6 +171,30 @@ fn grid_line(grid: &GridReport) -> String {
     let GridReport { cell_size, passes, cells, .. } = grid;
     let passes = if *passes == 1 { "1 pass".to_owned() } else { format!("{passes} passes") };
     format!("  cells of {}, {} occupied, {passes}", show_length(*cell_size), show_count(*cells))
+}
+
+/// Holes and senses of rotation, where that was asked for.
+fn solid_lines(changes: &BTreeMap<String, u64>) -> Vec<String> {
+    let count = |name: &str| changes.get(name).copied();
+    let of = |name: &str| show_count(count(name).unwrap_or(0));
+    let holes = count("holes_filled").map(|_| {
+        format!(
+            "  holes: {} filled with {} triangles, {} left ({} larger than --close), {} parts of others across cells",
+            of("holes_filled"),
+            of("hole_triangles_added"),
+            of("holes_left"),
+            of("holes_left_large"),
+            of("holes_left_parts")
+        )
+    });
+    let sides = count("components_left_one_sided").map(|_| {
+        format!(
+            "  orientation: {} triangles turned over, {} components have one side only",
+            of("triangles_turned"),
+            of("components_left_one_sided")
+        )
+    });
+    holes.into_iter().chain(sides).collect()
 }
 
 fn component_line(sizes: &ComponentSizes) -> String {

@@ -15,6 +15,7 @@ use super::placing::TypedPlacing;
 use super::progressive::TypedProgressive;
 use super::receipt::{self, TypedReceipt};
 use super::session::{Command, Session};
+use super::solid::TypedSolid;
 use crate::config::{
     Attributes, CheckOptions, Config, DEFAULT_CELL_TRIANGLES, JobOptions, Level, MinComponent,
     Normals, Texture,
@@ -110,10 +111,8 @@ pub struct Args {
     /// (keep).
     #[arg(long, value_enum, value_name = "POLICY", default_value = "error")]
     topology: TypedTopology,
-    /// Refuse what would make the surface pass through itself where it did not, for 3D printing and simulation: takes four to
-    /// eight times as long.
-    #[arg(long)]
-    no_self_intersections: bool,
+    #[command(flatten)]
+    solid: TypedSolid,
     /// Moves the vertices of the result to fit the original: less error for more time; auto does so
     /// where at most 1.1 % of the triangles are left, and up to 11 % of them where the result is too large for one finish.
     #[arg(long, value_enum, value_name = "WHEN", default_value = "auto")]
@@ -228,7 +227,8 @@ impl Args {
             textures: self.textures,
             error_field: self.error_field,
             progressive: progressive.clone(),
-            min_component: self.min_component,
+            min_component: self.solid.min_component(self.min_component),
+            close: self.solid.close(),
             attributes: Attributes {
                 weights: self.weight.clone(),
                 labels: self.near.labels(&self.label),
@@ -247,13 +247,14 @@ impl Args {
                     TypedFit::Off => kernel::Fit::Off,
                     TypedFit::Auto => kernel::Fit::Auto,
                 },
-                placement: match self.placement {
+                placement: self.solid.placement(match self.placement {
                     TypedPlacement::Optimal => kernel::Placement::Optimal,
                     TypedPlacement::Subset => kernel::Placement::Subset,
                     TypedPlacement::Midpoint => kernel::Placement::Midpoint,
-                },
+                }),
                 merge_distance: self.near.gap(keeps_topology),
-                no_self_intersections: self.no_self_intersections,
+                no_self_intersections: self.solid.no_self_intersections(),
+                orient: self.solid.orient(),
                 bound: max_error.map(|distance| kernel::Bound {
                     distance,
                     channel: None,
@@ -269,8 +270,9 @@ impl Args {
 impl Args {
     /// Refuses options that do not go with each other.
     fn check_conflicts(&self) -> Result<()> {
-        use Mode::{Joining, Method as Other, Optimize, Pages, Pairs, Progressive, Seams};
+        use Mode::{Closing, Joining, Method as Other, Optimize, Pages, Pairs, Progressive, Seams};
         let (target, near, pages, texture) = (&self.target, &self.near, &self.pages, self.texture);
+        let solid = &self.solid;
         let bakes = texture == TypedTexture::Bake;
         let keeps_topology = self.topology == TypedTopology::Keep;
         let places_subset = self.placement == TypedPlacement::Subset;
@@ -285,14 +287,18 @@ impl Args {
             (Joining, given(near.has_merge_distance())),
             (Seams, given(self.checks.seams.is_some())),
             (Progressive, given(records)),
+            (Closing, given(solid.close().is_some())),
         ];
-        let options: [Row; 28] = [
+        let options: [Row; 31] = [
             (
                 "--max-error",
                 target.max_error.is_some(),
-                &[Optimize, Pairs, Other, Seams, Progressive],
+                &[Optimize, Pairs, Other, Seams, Progressive, Closing],
             ),
-            ("--lock", near.lock().is_some(), &[Optimize, Pairs, Other, Progressive]),
+            ("--lock", near.lock().is_some(), &[Optimize, Pairs, Other, Progressive, Closing]),
+            ("--for", solid.has_purpose(), &[Optimize, Pairs, Other, Progressive]),
+            ("--close", solid.close().is_some(), &[Optimize, Pairs, Other, Progressive]),
+            ("--orient", solid.orient(), &[Optimize, Pairs, Other]),
             ("a list of targets", target.is_chain(), &[Optimize, Pairs, Other, Progressive]),
             ("--topology keep", keeps_topology, &[Pairs, Joining, Progressive]),
             ("--placement subset", places_subset, &[Optimize, Pairs]),
@@ -310,7 +316,7 @@ impl Args {
             ("--pairs", self.method.pairs, &[Other]),
             ("--seams", self.checks.seams.is_some(), &[Optimize, Pairs, Other]),
             ("--progressive", records, &[Optimize, Pairs, Other, Pages]),
-            ("--no-self-intersections", self.no_self_intersections, &[Optimize, Pairs, Other]),
+            ("--no-self-intersections", solid.no_self_intersections(), &[Optimize, Pairs, Other]),
             ("--textures", self.textures.is_some(), &[Other]),
             ("--texture keep", texture == TypedTexture::Keep, &[Other, Pages]),
             ("--texture none", texture == TypedTexture::None, &[Pages]),

@@ -71,6 +71,10 @@ pub struct Options {
     pub tight: Arc<[Tight]>,
     /// Refuses what makes the surface pass through itself, for `crossing_bytes`.
     pub no_self_intersections: bool,
+    /// Fills holes whose box has at most this diagonal, in input units; 0: none. For `crossing_bytes`.
+    pub close: f64,
+    /// Turns triangles over so that neighbours agree wherever they can, in later rounds too, and counts where they cannot.
+    pub orient: bool,
     /// Estimates the quality of the result; its time was not measured.
     pub estimate: bool,
     /// Notes where every vertex of the input went (`Simplified::followed`), for 4 bytes a vertex.
@@ -226,6 +230,8 @@ impl Default for Options {
             bound: None,
             tight: Arc::from([]),
             no_self_intersections: false,
+            close: 0.0,
+            orient: false,
             estimate: false,
             follow: false,
             record: false,

@@ -17,7 +17,7 @@ use crate::state::MeshState;
 use crate::state::validate::validate;
 use crate::statistics::{Simplified, Statistics};
 use stonecut_mesh::Mesh;
-use stonecut_mesh::orient::orient;
+use stonecut_mesh::orient::{Oriented, orient, orient_all};
 
 /// Simplifies a mesh by edge collapse; vertices with `locked[v]` stay exactly where they are.
 ///
@@ -51,7 +51,20 @@ pub(crate) fn start(
     assert!(locked.len() == n && mesh.channels.len() == n * mesh.n_channels, "lengths agree");
     // What rides with the triangles of later rounds has a side.
     let is_first = mesh.relief.is_empty() && mesh.extremes.is_empty();
-    let n_turned = if is_first { orient(&mut mesh.triangles, n) } else { 0 };
+    let oriented = match options.orient {
+        true => {
+            let (before, relief) = (mesh.triangles.clone(), &mut mesh.relief);
+            let oriented = orient_all(&mut mesh.triangles);
+            let is_turned = before.iter().zip(&mesh.triangles).map(|(a, b)| a != b);
+            // What is turned has the original on its other side.
+            for (relief, _) in relief.iter_mut().zip(is_turned).filter(|(_, turned)| *turned) {
+                *relief = relief.turned();
+            }
+            oriented
+        }
+        false if is_first => orient(&mut mesh.triangles, n),
+        false => Oriented::default(),
+    };
     let scales = (&options.weights[..], &options.confined[..]);
     let (mut state, may_be_flat, original) = MeshState::new(mesh, locked, scales, simd);
     state.surface.placement = options.placement;
@@ -75,7 +88,8 @@ pub(crate) fn start(
     let mut driver = Driver::new(state, simd, options.topology);
     driver.interrupt = options.interrupt.clone();
     driver.changes.add_cleaned(cleaned, approached);
-    driver.changes.turned = n_turned;
+    driver.changes.turned = oriented.turned;
+    driver.changes.one_sided = options.orient.then_some(oriented.one_sided);
     if options.follow {
         driver.followed = Some(Followed::new(&driver.state.surface.source, n));
     }
@@ -93,6 +107,8 @@ pub(crate) fn start(
     let extremes = original.extremes;
     drop(original.relief);
     driver.mend();
+    driver.close_size = options.close;
+    driver.close(options.close);
     driver.state.find_flats(options);
     if let Some(bound) = options.bound {
         driver.reach_channel = bound.channel;
@@ -176,6 +192,7 @@ pub(crate) fn finish(
     statistics.reached &= !statistics.interrupted;
     statistics.collapses = driver.total_collapses();
     statistics.rejects = driver.rejects.named();
+    driver.count_open();
     statistics.changes = driver.changes.named();
     if let Some(wedges) = &driver.state.wedges {
         statistics.charts_vanished = wedges.n_charts_vanished(&driver.state.surface.triangles);

@@ -68,6 +68,7 @@ pub fn regions(
 ) -> Result<Option<LabelledRegions>> {
     let Some(labels) = FaceLabels::of(source) else { return Ok(None) };
     if u32::try_from(source.n_vertices()).is_err() {
+        progress.note("regions: of more than 2^32 vertices they are not counted".to_owned());
         return Ok(None);
     }
     let sort_bytes = (options.memory_bytes / 4).min(MOST_SORT_BYTES);
@@ -120,6 +121,10 @@ pub fn regions(
         Ok(())
     })?;
     if list.len() > MOST_REGIONS {
+        progress.note(format!(
+            "regions: {} has more than {MOST_REGIONS} labels: they are not counted",
+            labels.names.join(" and ")
+        ));
         return Ok(None);
     }
     let mut edge = [0; 2];

@@ -9,14 +9,28 @@ const LOOKED_AT: u32 = 8;
 /// Bytes that `orient` takes for each triangle where something is found: sides, and pairs of neighbours.
 pub const TRIANGLE_BYTES: u64 = 84;
 
-/// Turns triangles so that neighbours agree; of each component those that are fewer. Returns how many.
+/// Triangles that were turned, and components that cannot be turned right.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Oriented {
+    /// Triangles.
+    pub turned: u64,
+    /// Components of which some neighbours disagree whatever is turned, as on a Moebius band.
+    pub one_sided: u64,
+}
+
+/// Turns triangles so that neighbours agree; of each component those that are fewer.
 ///
 /// Edges of more than two triangles do not connect. A component that cannot be turned right as a whole is left unless fewer edges
 /// disagree afterwards. Memory: `TRIANGLE_BYTES` a triangle where something is found, else one a vertex.
-pub fn orient(triangles: &mut [[u32; 3]], n_vertices: usize) -> u64 {
-    if !disagrees(triangles, n_vertices) {
-        return 0;
+pub fn orient(triangles: &mut [[u32; 3]], n_vertices: usize) -> Oriented {
+    match disagrees(triangles, n_vertices) {
+        true => orient_all(triangles),
+        false => Oriented::default(),
     }
+}
+
+/// As `orient`, for meshes of which only few neighbours may disagree: looks at all of them.
+pub fn orient_all(triangles: &mut [[u32; 3]]) -> Oriented {
     let pairs = pairs(triangles);
     let mut first = vec![0u32; triangles.len() + 1];
     pairs.iter().for_each(|pair| first[pair.0 as usize + 1] += 1);
@@ -24,7 +38,7 @@ pub fn orient(triangles: &mut [[u32; 3]], n_vertices: usize) -> u64 {
     let of = |t: u32| &pairs[first[t as usize] as usize..first[t as usize + 1] as usize];
     let mut is_turned: Vec<Option<bool>> = vec![None; triangles.len()];
     let mut component = Vec::new();
-    let mut n_turned = 0;
+    let mut oriented = Oriented::default();
     for seed in 0..triangles.len() as u32 {
         if is_turned[seed as usize].is_some() {
             continue;
@@ -51,17 +65,18 @@ pub fn orient(triangles: &mut [[u32; 3]], n_vertices: usize) -> u64 {
             }
         }
         let is_minority = 2 * turned <= component.len();
+        oriented.one_sided += u64::from(after > 0);
         if after >= before {
             continue;
         }
         for &t in &component {
             if (is_turned[t as usize] == Some(true)) == is_minority {
                 triangles[t as usize].swap(1, 2);
-                n_turned += 1;
+                oriented.turned += 1;
             }
         }
     }
-    n_turned
+    oriented
 }
 
 /// True if neighbours run the same way along an edge at one of the vertices that are looked at.
@@ -135,12 +150,12 @@ mod tests {
     #[test]
     fn the_fewer_are_turned() {
         let right = ball(24);
-        assert_eq!(orient(&mut right.triangles.clone(), right.positions.len()), 0);
+        assert_eq!(orient(&mut right.triangles.clone(), right.positions.len()).turned, 0);
         for (every, n_turned) in [(7, None), (1, Some(0))] {
             let mut mesh = right.clone();
             mesh.triangles.iter_mut().step_by(every).for_each(|t| t.swap(1, 2));
             let all_over = mesh.triangles.clone();
-            let n = orient(&mut mesh.triangles, mesh.positions.len());
+            let n = orient(&mut mesh.triangles, mesh.positions.len()).turned;
             assert_eq!(n, n_turned.unwrap_or(right.triangles.len().div_ceil(7) as u64));
             let expected = if every == 1 { &all_over } else { &right.triangles };
             assert_eq!(&mesh.triangles, expected);
@@ -159,7 +174,7 @@ mod tests {
         });
         let band = Mesh::new((0..2 * n).map(place).collect(), squares.collect());
         let mut mesh = band.clone();
-        assert_eq!(orient(&mut mesh.triangles, mesh.positions.len()), 0);
+        assert_eq!(orient_all(&mut mesh.triangles), Oriented { turned: 0, one_sided: 1 });
         assert_eq!(mesh.triangles, band.triangles);
     }
 }

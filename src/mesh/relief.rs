@@ -30,6 +30,12 @@ impl Relief {
         self.0.map(|bits| f32::from_bits(u32::from(bits) << 16))
     }
 
+    /// Heights over the triangle turned over: its second and third corner change places.
+    pub fn turned(self) -> Relief {
+        let [a, b, c] = self.heights();
+        Relief::new([-a, -c, -b])
+    }
+
     /// Appends the bytes.
     pub fn push(self, out: &mut Vec<u8>) {
         self.0.iter().for_each(|bits| out.extend_from_slice(&bits.to_le_bytes()));

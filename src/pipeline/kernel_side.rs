@@ -63,7 +63,7 @@ pub(super) fn layout(
     VertexLayout {
         has_reach: config.kernel.bound.is_some(),
         has_relief: fit::carries_relief(config, n_triangles),
-        is_watched: config.kernel.no_self_intersections,
+        is_watched: config.kernel.no_self_intersections || config.close.is_some(),
         lock: match &config.lock {
             None => None,
             Some(Lock::Boundary) => schema.lock_place(None),

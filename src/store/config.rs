@@ -1,5 +1,6 @@
 //! Settings of a run of `simplify`.
 
+mod hole_size;
 mod min_component;
 mod target;
 
@@ -13,6 +14,7 @@ use stonecut_mesh::placing::Placing;
 use stonecut_system::memory;
 use stonecut_system::units::parse_bytes;
 
+pub use hole_size::HoleSize;
 pub use min_component::MinComponent;
 pub use target::{Level, Method, Target};
 
@@ -239,6 +241,8 @@ pub struct Config {
     pub progressive: Option<Progressive>,
     /// Leave out components below this.
     pub min_component: Option<MinComponent>,
+    /// Fill holes up to this.
+    pub close: Option<HoleSize>,
     /// Progress within a stage is made durable so often; does not change the result.
     pub checkpoint_every: std::time::Duration,
     /// Treatment of colours, normals and other properties.
@@ -297,6 +301,7 @@ impl Config {
             error_field: false,
             progressive: None,
             min_component: None,
+            close: None,
             checkpoint_every: CHECKPOINT_EVERY,
             attributes: Attributes::default(),
             weld: Weld::Auto,
@@ -351,6 +356,12 @@ impl Config {
         }
         if self.kernel.no_self_intersections {
             settings.insert("self_intersections".to_owned(), "refuse".to_owned());
+        }
+        if let Some(size) = self.close {
+            settings.insert("close".to_owned(), size.to_string());
+        }
+        if self.kernel.orient {
+            settings.insert("orient".to_owned(), "true".to_owned());
         }
         if !self.placing.is_none() {
             settings.insert("placing".to_owned(), self.placing.setting());

@@ -21,5 +21,6 @@ mod retile;
 mod simplify;
 mod sizes;
 mod slides;
+mod solid;
 mod verdicts;
 mod weld;

@@ -123,6 +123,24 @@ impl Crossings {
         self.near(surface, except, 1) == 0
     }
 
+    /// The first of some new triangles that meets another one, of the surface or among those before it.
+    pub(crate) fn first_to_meet(
+        &mut self,
+        surface: &Surface,
+        triangles: &[[u32; 3]],
+    ) -> Option<usize> {
+        let new: Vec<(Facet, Hull)> = triangles
+            .iter()
+            .map(|&t| (Facet::new(t, corners(surface, t)), self.tree.hull(&corners(surface, t))))
+            .collect();
+        new.iter().enumerate().position(|(i, (facet, hull))| {
+            self.fan.clear();
+            self.fan.push(*facet);
+            let before = || new[..i].iter().any(|(f, h)| h.touches(hull) && f.meets(facet));
+            self.near(surface, &[], 1) > 0 || before()
+        })
+    }
+
     /// Parts triangles that lie on each other, as cuts leave them: one corner of each pair moves a little towards its neighbours.
     pub(crate) fn part(&mut self, surface: &mut Surface) {
         let mut known = HashMap::new();

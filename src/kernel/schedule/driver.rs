@@ -13,6 +13,7 @@ use crate::interrupt::Interrupt;
 use crate::options::Topology;
 use crate::quality::{Probes, QualityAt};
 use crate::repair::clean::Cleaned;
+use crate::repair::close::{self, FilledHoles, OpenHoles};
 use crate::repair::make_manifold::{self, Mended};
 use crate::simd::Simd;
 use crate::state::MeshState;
@@ -48,6 +49,8 @@ pub(crate) struct Driver {
     pub(crate) bound: Option<Box<Tracker>>,
     /// Keeps the surface from passing through itself, where that was asked for.
     pub(crate) crossings: Option<Box<Crossings>>,
+    /// Size of the holes that are filled; 0: none.
+    pub(crate) close_size: f64,
     /// The channel that takes how far the result is from the original.
     pub(crate) reach_channel: Option<usize>,
     /// Samples that the result will be fitted to.
@@ -94,15 +97,19 @@ pub(crate) struct TopologyChanges {
     approached: u64,
     /// Triangles that were turned over to agree with their neighbours.
     pub(crate) turned: u64,
+    /// Triangles whose sides disagree with neighbours whatever is turned, where that was asked for.
+    pub(crate) one_sided: Option<u64>,
+    /// Holes that were filled, and those that are open, where that was asked for.
+    filled: Option<(FilledHoles, OpenHoles)>,
     /// Vertices that wait for a source to be taken apart.
     pub(super) missing: u64,
     may_mend: bool,
 }
 
 impl TopologyChanges {
-    /// Names and counts, always all of them.
+    /// Names and counts: always all of them, and those of what was asked for. What is left is that of the end.
     pub(crate) fn named(&self) -> Vec<(&'static str, u64)> {
-        vec![
+        let mut named = vec![
             ("small_components_removed", self.specks),
             ("handles_cut", self.cuts),
             ("ends_stripped", self.stripped),
@@ -112,7 +119,18 @@ impl TopologyChanges {
             ("degenerate_triangles_removed", self.flat),
             ("boundary_pairs_merged", self.approached),
             ("triangles_turned", self.turned),
-        ]
+        ];
+        if let Some((filled, open)) = self.filled {
+            named.extend([
+                ("holes_filled", filled.holes),
+                ("hole_triangles_added", filled.triangles),
+                ("holes_left", open.holes),
+                ("holes_left_large", open.large),
+                ("holes_left_parts", open.parts),
+            ]);
+        }
+        named.extend(self.one_sided.map(|n| ("components_left_one_sided", n)));
+        named
     }
 
     /// Counts a removed component; `unscale` brings lengths back to input units.
@@ -155,6 +173,7 @@ impl Driver {
             frees_stuck: false,
             bound: None,
             crossings: None,
+            close_size: 0.0,
             reach_channel: None,
             samples: None,
             probes: None,
@@ -196,6 +215,30 @@ impl Driver {
             }
             self.small_components = None;
             self.changes.add(done);
+        }
+    }
+
+    /// Fills the holes up to this size.
+    pub(crate) fn close(&mut self, size: f64) {
+        if size > 0.0 {
+            let before = self.changes.filled.unwrap_or_default().0;
+            let filled = close::close(&mut self.state, size, self.simd);
+            let filled = FilledHoles {
+                holes: before.holes + filled.holes,
+                triangles: before.triangles + filled.triangles,
+            };
+            self.changes.filled = Some((filled, OpenHoles::default()));
+            if let Some(crossings) = &mut self.crossings {
+                crossings.extend(&self.state.surface);
+            }
+            validate(&self.state);
+        }
+    }
+
+    /// Counts the holes that are open at the end.
+    pub(crate) fn count_open(&mut self) {
+        if let Some((_, open)) = &mut self.changes.filled {
+            *open = close::open(&self.state, self.close_size);
         }
     }
 

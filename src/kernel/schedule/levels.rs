@@ -211,6 +211,8 @@ impl Driver {
     /// One fine queue over everything, to the exact count.
     fn exact(&mut self, target: u64) -> bool {
         self.mend_at_last(target);
+        // What has been taken apart since may have left holes.
+        self.close(self.close_size);
         self.drain_to(target)
     }
 

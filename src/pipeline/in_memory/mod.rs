@@ -18,6 +18,7 @@ use crate::error::{Error, Result};
 use crate::kernel::{self, FitStatistics, Options, Statistics, Stop};
 use crate::mesh::Mesh;
 use crate::mesh::attribute_weights::ChannelSample;
+use crate::mesh::bounds::Bounds;
 use crate::mesh::codec::ChannelKind;
 use crate::mesh::global_vertex::GlobalVertex;
 use crate::pipeline::quality::QualityCurve;
@@ -222,6 +223,9 @@ impl<'a> MemoryRun<'a> {
             label: kinds.iter().position(|k| *k == ChannelKind::Label),
             seam_share: config.attributes.weights.seam_share(),
             fit: kernel.fit.decided(n_triangles, target),
+            close: config
+                .close
+                .map_or(0.0, |size| size.length(Bounds::around(positions).diagonal())),
             ..kernel.clone()
         };
         let counts = Counts { vertices: n_vertices, triangles: n_triangles, ..Counts::default() };

@@ -204,6 +204,8 @@ impl<'a> SimplifyRun<'a> {
         self.fit = done.fit;
         self.reach = done.reach;
         self.quality.add_round(&done.curve, done.quality, triangles);
+        // What is left is what the last round or the finish has left.
+        self.changes.retain(|name, _| !name.contains("_left"));
         for (sums, counts) in
             [(&mut self.rejects, &done.rejects), (&mut self.changes, &done.changes)]
         {

@@ -23,6 +23,8 @@ impl SimplifyRun<'_> {
     pub(in crate::pipeline) fn partition(&mut self) -> Result<RunStep> {
         let cut = self.cut();
         self.partition = self.hold(cut)?;
+        let diagonal = self.partition.bounds.diagonal();
+        self.kernel.close = self.config.close.map_or(0.0, |size| size.length(diagonal));
         let source = &self.prepared.source;
         source.remarks()?.into_iter().for_each(|remark| self.run.progress.lose(remark));
         if self.config.job.until == Some(Until::Partition) {
@@ -126,6 +128,9 @@ fn hold_sizes(config: &Config, bounds: &Bounds) -> Result<()> {
     let kernel = &config.kernel;
     if config.texture == Texture::Bake || config.bake.normals {
         bounds.hold(&config.input, "a new texture or normal map", [1e-36, 1e36])?;
+    }
+    if config.close.is_some() {
+        bounds.hold(&config.input, "--close", [0.0, 1e36])?;
     }
     if kernel.no_self_intersections {
         bounds.hold(&config.input, "--no-self-intersections", [0.0, 1e36])?;

@@ -12,6 +12,7 @@ use crate::error::Result;
 use crate::kernel;
 use crate::pipeline::kernel_side::{Facts, kernel_side};
 use crate::pipeline::run_report::StageReport;
+use crate::stages::partition::Partition;
 use crate::stages::simplify::{self, CellRun, ExactLevels, Goal, Levels, PilotPart};
 use crate::stages::stitch::{self, NextStep};
 use crate::store::cells::{CellStore, StoreInfo, SurvivorInfo, SurvivorPack};
@@ -183,6 +184,10 @@ impl Round {
         let (layout, mut options) = kernel_side(&facts, config);
         if let Some(weights) = job.outcome("channel lengths")? {
             options.weights = weights;
+        }
+        if let Some(size) = config.close {
+            let (partition, _) = found::<(Partition, StageReport)>(job, "partition")?;
+            options.close = size.length(partition.bounds.diagonal());
         }
         options.use_share_of_bound(stitch::bound_share(round), stitch::PATIENCE);
         let store = CellStore::open(job.disk(), job.folder(), info, layout)?;

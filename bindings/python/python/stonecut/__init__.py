@@ -366,6 +366,9 @@ def simplify_file(
     progressive_bits: int | None = None,
     seams: PathLike | None = None,
     no_self_intersections: bool = False,
+    close: bool | str | float | None = None,
+    orient: bool = False,
+    for_: Literal["print", "simulation"] | None = None,
     verify: bool = False,
     report: PathLike | None = None,
     receipt: PathLike | None = None,
@@ -387,6 +390,8 @@ def simplify_file(
         method: ``"collapse"`` for results; ``"cluster"`` in one pass for previews, ``"decimate"`` and ``"retile"`` in memory,
             with ``grid`` (instead of a count), ``feature_angle``, ``gradation`` and ``manifold`` of theirs.
         no_self_intersections: refuse what would make the surface pass through itself where it did not; takes four to eight times as long.
+        close: fill holes up to a size: ``True`` (5 % of the diagonal), ``"2%"``, a length or ``"all"``. orient: turn triangles over
+            so that neighbours agree. for_: ``"print"`` or ``"simulation"``, which stand for these (docs/usage.md).
         optimize: sweeps over the result that make it fit better at the same count; slow, in memory.
         pairs: vertices that face each other across a gap may become one, so that parts join; in memory.
         memory: budget, everything included: bytes, ``"4GiB"`` or ``"50%"`` [75 % of what the process may use].

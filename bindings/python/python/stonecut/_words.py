@@ -35,7 +35,7 @@ def options(**given: Any) -> list[str]:
     """Options that are not None: ``max_error=2`` becomes ``--max-error=2``, True a flag, False nothing."""
     words: list[str] = []
     for name, value in given.items():
-        option = "--" + name.replace("_", "-")
+        option = "--" + name.rstrip("_").replace("_", "-")
         if value is None or value is False:
             continue
         if value is True:

@@ -1,0 +1,139 @@
+//! Fills holes: boundary loops up to a size get triangles between their own vertices.
+//!
+//! Only loops of free boundary vertices off attribute seams; what other cells know, and where sheets only touch, stays open. Of
+//! nested loops in one plane, as the wall of a tube leaves them where a scan ends, the inner one becomes a hole in the filling of
+//! the outer one. A filling that meets other triangles is tried again without those of its triangles that do.
+
+mod polygon;
+mod rims;
+
+use crate::crossing::Crossings;
+use crate::simd::Simd;
+use crate::state::MeshState;
+use crate::state::recompute::recompute_vertices;
+use crate::surface::Surface;
+use polygon::Forbidden;
+use rims::{Rim, parents};
+use std::collections::BTreeSet;
+
+/// Loops of more edges are left open: triangulating them takes the square of that.
+const MOST_EDGES: usize = 1 << 14;
+/// Attempts at a filling that meets nothing.
+const ATTEMPTS: usize = 12;
+
+/// Holes that were filled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct FilledHoles {
+    pub(crate) holes: u64,
+    pub(crate) triangles: u64,
+}
+
+/// Holes that are open.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct OpenHoles {
+    pub(crate) holes: u64,
+    /// Of these, the larger ones.
+    pub(crate) large: u64,
+    /// Parts of holes that end at vertices of other cells or at others that are held.
+    pub(crate) parts: u64,
+}
+
+/// Counts what is open.
+pub(crate) fn open(state: &MeshState, size: f64) -> OpenHoles {
+    let (rims, parts) = rims::find(state, |_| false);
+    let large = rims.iter().filter(|rim| rim.size > size).count() as u64;
+    OpenHoles { holes: rims.len() as u64, large, parts }
+}
+
+/// Fills the holes whose box has at most this diagonal, in input units.
+pub(crate) fn close(state: &mut MeshState, size: f64, simd: Simd) -> FilledHoles {
+    let is_seam = |v: u32| state.wedges.as_ref().is_some_and(|wedges| wedges.is_seam(v));
+    let (mut rims, _) = rims::find(state, is_seam);
+    rims.retain(|rim| rim.size <= size && rim.ring.len() <= MOST_EDGES);
+    let mut filled = FilledHoles::default();
+    if rims.is_empty() {
+        return filled;
+    }
+    // Largest first, so that what lies in a loop comes after it.
+    rims.sort_by(|a, b| b.area().total_cmp(&a.area()).then(a.ring.cmp(&b.ring)));
+    let parent = parents(&state.surface, &rims);
+    let mut crossings = Crossings::new(&state.surface);
+    for (i, rim) in rims.iter().enumerate().filter(|&(i, _)| parent[i].is_none()) {
+        let inner: Vec<&Rim> =
+            (i + 1..rims.len()).filter(|&k| parent[k] == Some(i)).map(|k| &rims[k]).collect();
+        if fill(state, &mut crossings, rim, &inner, &mut filled) {
+            filled.holes += 1 + inner.len() as u64;
+            continue;
+        }
+        // Each alone, where all together does not do.
+        for rim in inner {
+            filled.holes += u64::from(fill(state, &mut crossings, rim, &[], &mut filled));
+        }
+    }
+    let mut touched: Vec<u32> = rims.into_iter().flat_map(|rim| rim.ring).collect();
+    if let Some(wedges) = &mut state.wedges {
+        wedges.look_at(&mut state.surface, &touched);
+    }
+    recompute_vertices(state, &mut touched, simd);
+    filled
+}
+
+/// Fills one loop around others; false if that cannot be without passing through the surface.
+fn fill(
+    state: &mut MeshState,
+    crossings: &mut Crossings,
+    rim: &Rim,
+    inner: &[&Rim],
+    filled: &mut FilledHoles,
+) -> bool {
+    let surface = &state.surface;
+    let Some(ring) = polygon::bridged(surface, rim, inner) else { return false };
+    let mut forbidden = Forbidden::new();
+    for _ in 0..ATTEMPTS {
+        let triangles = polygon::triangulate(surface, &ring, rim, &forbidden);
+        let Some(triangles) = triangles.filter(|t| is_sound(surface, t)) else { break };
+        if let Some(bad) = crossings.first_to_meet(surface, &triangles) {
+            forbidden.insert(polygon::sorted(triangles[bad]));
+            continue;
+        }
+        filled.triangles += triangles.len() as u64;
+        add(state, &triangles);
+        crossings.extend(&state.surface);
+        return true;
+    }
+    false
+}
+
+/// True if no side is there twice the same way round, here or in the surface.
+fn is_sound(surface: &Surface, triangles: &[[u32; 3]]) -> bool {
+    let sides = || triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+    let own: BTreeSet<[u32; 2]> = sides().collect();
+    let is_there = |[a, b]: [u32; 2]| {
+        let mut around = surface.ring(a).iter().map(|&t| surface.triangles[t as usize]);
+        around.any(|t| (0..3).any(|k| t[k] == a && t[(k + 1) % 3] == b))
+    };
+    // An inner side has its other triangle in the filling, a side of the rim in the surface.
+    own.len() == 3 * triangles.len()
+        && sides().all(|[a, b]| !is_there([a, b]) && own.contains(&[b, a]) != is_there([b, a]))
+}
+
+/// Adds triangles to the surface, to their wedges and to the rings of their corners.
+fn add(state: &mut MeshState, triangles: &[[u32; 3]]) {
+    let MeshState { surface, wedges, .. } = state;
+    if let Some(wedges) = wedges {
+        let wedge = |v: u32| wedges.at(surface, surface.ring(v)[0], v);
+        let corners: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(wedge)).collect();
+        wedges.corner.extend(corners);
+    }
+    let first = surface.triangles.len() as u32;
+    surface.triangles.extend(triangles);
+    surface.n_alive += triangles.len() as u64;
+    let mut corners: Vec<(u32, u32)> =
+        triangles.iter().zip(first..).flat_map(|(t, id)| t.map(|v| (v, id))).collect();
+    corners.sort_unstable();
+    for new in corners.chunk_by(|a, b| a.0 == b.0) {
+        let mut ring = surface.ring(new[0].0).to_vec();
+        ring.extend(new.iter().map(|&(_, id)| id));
+        surface.set_ring(new[0].0, &ring);
+    }
+}

@@ -1,0 +1,176 @@
+//! Results that are printed or computed with: holes filled, sheets turned one way, nothing through itself.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use crate::common::{check, count, expect, meshes, report, run, write_ply};
+use std::collections::BTreeSet;
+use stonecut::kernel::{Options, Stop, simplify_mesh};
+use stonecut::measure::intersections::in_memory;
+use stonecut::mesh::Mesh;
+use stonecut::mesh::property::Scalar;
+use stonecut::system::progress::Progress;
+
+/// Sides of triangles without one that runs the other way, and pairs of triangles that meet.
+fn faults(mesh: &Mesh) -> (usize, u64) {
+    let sides: Vec<[u32; 2]> =
+        mesh.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
+    let all: BTreeSet<[u32; 2]> = sides.iter().copied().collect();
+    assert_eq!(all.len(), sides.len());
+    let n_open = sides.iter().filter(|[a, b]| !all.contains(&[*b, *a])).count();
+    (n_open, in_memory(mesh, 1, &Progress::default()).unwrap().self_intersections)
+}
+
+fn volume(mesh: &Mesh) -> f64 {
+    let at = |v: u32| mesh.positions[v as usize];
+    let of = |&[a, b, c]: &[u32; 3]| {
+        let ([ax, ay, az], [bx, by, bz], [cx, cy, cz]) = (at(a), at(b), at(c));
+        ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+    };
+    mesh.triangles.iter().map(of).sum::<f64>() / 6.0
+}
+
+/// A tube with a wall, its ends open, so that each end has two loops in one plane.
+///
+/// ```text
+///   .-----.
+///  / .---. \
+/// | |     | |    radii 1 and 0.6, height 2
+///  \ '---' /
+///   '-----'
+/// ```
+fn tube(n: usize, m: usize) -> Mesh {
+    let mut positions = Vec::new();
+    for radius in [1.0, 0.6] {
+        for row in 0..=m {
+            positions.extend((0..n).map(|k| {
+                let (y, x) = (std::f64::consts::TAU * k as f64 / n as f64).sin_cos();
+                [radius * x, radius * y, 2.0 * row as f64 / m as f64]
+            }));
+        }
+    }
+    let mut triangles = Vec::new();
+    for wall in 0..2 {
+        for (row, k) in (0..m).flat_map(|row| (0..n).map(move |k| (row, k))) {
+            let at = |r: usize, k: usize| ((wall * (m + 1) + r) * n + k % n) as u32;
+            let [a, b, c, d] = [at(row, k), at(row, k + 1), at(row + 1, k + 1), at(row + 1, k)];
+            let halves = [[a, b, c], [a, c, d]];
+            triangles.extend(halves.map(|[a, b, c]| if wall == 0 { [a, b, c] } else { [a, c, b] }));
+        }
+    }
+    Mesh::new(positions, triangles)
+}
+
+#[test]
+fn loops_within_loops_get_the_ring_between_them() {
+    // By least area, and by ears.
+    for n in [24, 90] {
+        let mesh = tube(n, 12);
+        let locked = vec![false; mesh.positions.len()];
+        let to = |triangles: usize, close: f64| {
+            let stop = Stop::Triangles(triangles as u64);
+            simplify_mesh(mesh.clone(), &locked, &Options { stop, close, ..Options::default() })
+        };
+        let filled = to(mesh.triangles.len() + 4 * n, f64::INFINITY);
+        assert_eq!(filled.mesh.triangles.len(), mesh.triangles.len() + 4 * n);
+        assert_eq!(faults(&filled.mesh), (0, 0));
+        let area = 0.5 * n as f64 * (std::f64::consts::TAU / n as f64).sin() * (1.0 - 0.36);
+        assert!((volume(&filled.mesh) / (2.0 * area) - 1.0).abs() < 1e-9);
+        let small = to(mesh.triangles.len() / 4, f64::INFINITY);
+        assert_eq!(faults(&small.mesh), (0, 0));
+        assert!(small.statistics.changes.contains(&("holes_filled", 4)));
+        assert!(small.statistics.changes.contains(&("holes_left", 0)));
+        // The inner loops alone, whose discs lie across the tube.
+        let inner = to(mesh.triangles.len() / 2, 1.8);
+        assert!(inner.statistics.changes.contains(&("holes_filled", 2)));
+        assert!(inner.statistics.changes.contains(&("holes_left_large", 2)));
+    }
+}
+
+/// A torus without every triangle that has a vertex whose number is a multiple of `every`.
+fn holed(every: u32) -> Mesh {
+    let mut mesh = meshes::torus(120, 60, |_, _| 0.5);
+    mesh.triangles.retain(|t| t.iter().all(|v| v % every != 0));
+    mesh
+}
+
+#[test]
+fn holes_are_filled_through_cells_and_large_ones_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let mesh = holed(97);
+    write_ply(&at.join("in.ply"), Scalar::F32, &mesh.positions, &mesh.triangles);
+    assert!(count(&check(at, "in.ply"), "boundary_edges") > 300);
+    for cells in ["", "--cell-triangles 2000"] {
+        let words =
+            format!("simplify in.ply out.ply --ratio 20% --close --report r.json --force {cells}");
+        let told = expect(at, &words, 0);
+        assert_eq!(count(&check(at, "out.ply"), "boundary_edges"), 0, "{cells}");
+        let changes = &report(at)["changes"];
+        assert!(count(changes, "holes_filled") > 50, "{changes}");
+        assert_eq!(count(changes, "holes_left"), 0, "{cells}");
+        assert!(told.contains("0 left"), "{told}");
+    }
+    expect(
+        at,
+        "simplify in.ply out.ply --ratio 20% --close=0.1% --topology keep --report r.json --force",
+        0,
+    );
+    let changes = &report(at)["changes"];
+    assert_eq!(count(changes, "holes_filled"), 0);
+    assert!(count(changes, "holes_left_large") > 50);
+    expect(at, "simplify in.ply out.ply --ratio 20% --close --max-error 1 --force", 2);
+    expect(at, "simplify in.ply out.ply --ratio 20% --close=x --force", 2);
+}
+
+#[test]
+fn for_print_stands_for_its_options() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let mut mesh = holed(89);
+    // A speck.
+    let n = mesh.positions.len() as u32;
+    mesh.positions.extend([[9.0, 9.0, 9.0], [9.01, 9.0, 9.0], [9.0, 9.01, 9.0]]);
+    mesh.triangles.push([n, n + 1, n + 2]);
+    mesh.triangles.iter_mut().step_by(5).for_each(|t| t.swap(0, 1));
+    write_ply(&at.join("in.ply"), Scalar::F32, &mesh.positions, &mesh.triangles);
+    let same = "--close=all --orient --no-self-intersections --min-component size=1%";
+    for (out, options) in [("a.ply", "--for print"), ("b.ply", same)] {
+        expect(
+            at,
+            &format!("simplify in.ply {out} --ratio 10% {options} --report r.json --force"),
+            0,
+        );
+    }
+    let bytes = |name: &str| std::fs::read(at.join(name)).unwrap();
+    assert!(bytes("a.ply") == bytes("b.ply"));
+    assert!(count(&report(at)["changes"], "triangles_turned") > 0);
+    assert_eq!(count(&report(at)["changes"], "components_left_one_sided"), 0);
+    let info = run(at, "info a.ply --check --self-intersections --json");
+    let info: serde_json::Value = serde_json::from_slice(&info.stdout).unwrap();
+    for key in ["self_intersections", "boundary_edges", "non_manifold_edges"] {
+        assert_eq!(count(&info, key), 0, "{key}");
+    }
+    expect(at, "simplify in.ply c.ply --ratio 10% --for simulation", 0);
+    expect(at, "simplify in.ply d.ply --ratio 10% --for print --method retile", 2);
+}
+
+#[test]
+fn one_sided_components_are_counted() {
+    let n = 60u32;
+    let place = |v: u32| {
+        let (k, side) = (v / 2, f64::from(v % 2) - 0.5);
+        let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / f64::from(n)).sin_cos();
+        let (s, c) = (std::f64::consts::PI * f64::from(k) / f64::from(n)).sin_cos();
+        [(2.0 + side * c) * cos, (2.0 + side * c) * sin, side * s]
+    };
+    let squares = (0..n).flat_map(|k| {
+        let (a, b) = (2 * k, 2 * k + 1);
+        let [c, d] = if k + 1 == n { [1, 0] } else { [a + 2, b + 2] };
+        [[a, c, b], [b, c, d]]
+    });
+    let mesh = Mesh::new((0..2 * n).map(place).collect(), squares.collect());
+    let locked = vec![false; mesh.positions.len()];
+    let options = Options { stop: Stop::Triangles(60), orient: true, ..Options::default() };
+    let changes = simplify_mesh(mesh, &locked, &options).statistics.changes;
+    assert!(changes.contains(&("components_left_one_sided", 1)), "{changes:?}");
+}
