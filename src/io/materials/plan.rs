@@ -46,7 +46,12 @@ impl std::str::FromStr for TextureMode {
     fn from_str(text: &str) -> Result<Self, String> {
         let all = [TextureMode::Copy, TextureMode::Link, TextureMode::Embed, TextureMode::None];
         let found = all.into_iter().find(|mode| mode.name() == text);
-        found.ok_or_else(|| format!("'{text}' is none of copy, link, embed, none"))
+        found.ok_or_else(|| match text {
+            "ktx2" => "KTX2 is read and kept, not made: write .glb, then run 'gltf-transform uastc IN.glb OUT.glb' or \
+                       'gltf-transform etc1s IN.glb OUT.glb'"
+                .to_owned(),
+            _ => format!("'{text}' is none of copy, link, embed, none"),
+        })
     }
 }
 
