@@ -41,7 +41,9 @@ impl FromArgMatches for InOut {
         match paths.pop() {
             Some(output) if !paths.is_empty() => {
                 let memory = matches.try_get_one("memory").ok().flatten().copied();
-                Ok(InOut { input: InputPaths::from(paths).within(memory), output })
+                let skips = matches.try_get_one("skip_bad").ok().flatten().copied();
+                let input = InputPaths::from(paths).within(memory);
+                Ok(InOut { input: input.skipping_missing(skips.unwrap_or(false)), output })
             }
             _ => {
                 let what = "the following required arguments were not provided:\n  <OUTPUT>";

@@ -1,9 +1,11 @@
 //! Files that are not a mesh of a format that is read: named for what they are, with the way out; and archives with
-//! one mesh in them, which are read.
+//! one mesh in them, which are read with the images, material libraries and buffers that it names.
 
 use super::open_options::StageOptions;
 use crate::ply::raw::RawFile;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek, SeekFrom, Write};
+use std::path::{Component, PathBuf};
+use stonecut_system::disk::ScratchFolder;
 use stonecut_system::error::{Error, Result};
 use zip::ZipArchive;
 use zip::result::ZipError;
@@ -130,10 +132,20 @@ pub(super) fn is_zip(first: &[u8]) -> bool {
     first.starts_with(b"PK\x03\x04") || first.starts_with(b"PK\x05\x06")
 }
 
-/// The mesh of an archive that has exactly one, unpacked, and the number of images and material libraries, which are not read.
+/// Endings of what a mesh may name: libraries, buffers, images, also of kinds that are not read.
+const COMPANIONS: [&str; 20] = [
+    ".mtl", ".bin", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".tga", ".bmp", ".gif", ".webp",
+    ".exr", ".dds", ".ktx2", ".avif", ".heic", ".jxl", ".jp2", ".psd", ".hdr",
+];
+
+/// The mesh of an archive that has exactly one, unpacked. Where the archive has files that a mesh may name, they lie in the
+/// folder for as long as that is held, and the mesh is named as if it was there.
 ///
 /// Errors: another number of meshes; formats that are archives themselves (USDZ, 3MF), by name.
-pub(super) fn unzip(file: &RawFile, options: &StageOptions) -> Result<(RawFile, u64)> {
+pub(super) fn unzip(
+    file: &RawFile,
+    options: &StageOptions,
+) -> Result<(RawFile, Option<ScratchFolder>)> {
     let damaged = |error: &ZipError| {
         file.bad(format!("this is a zip archive that cannot be read ({error}): unpack it first"))
     };
@@ -167,8 +179,10 @@ pub(super) fn unzip(file: &RawFile, options: &StageOptions) -> Result<(RawFile, 
         return Err(own("USDZ"));
     }
     // What macOS adds to an archive, and what is hidden, is not a mesh.
-    let is_hidden =
-        |name: &str| name.split('/').any(|part| part == "__MACOSX" || part.starts_with('.'));
+    let is_hidden = |name: &str| {
+        name.split('/')
+            .any(|part| part == "__MACOSX" || part.starts_with('.') && !matches!(part, "." | ".."))
+    };
     let is_mesh = |(_, name): &(usize, &String)| {
         ends(name, &[".ply", ".stl", ".obj", ".glb", ".gltf"]) && !is_hidden(name)
     };
@@ -180,32 +194,46 @@ pub(super) fn unzip(file: &RawFile, options: &StageOptions) -> Result<(RawFile, 
             names.len()
         )));
     };
-    if ends(name, &[".gltf"]) && names.len() > 1 {
-        return Err(file.bad(
-            "this is a zip archive with a glTF and files that it needs: unpack it and give the .gltf",
-        ));
-    }
-    let beside = names.iter().filter(|other| {
-        ends(other, &[".mtl", ".png", ".jpg", ".jpeg", ".tif", ".tga", ".bmp", ".webp", ".exr"])
-    });
-    let n_beside = beside.filter(|other| !is_hidden(other)).count() as u64;
-    let mut entry = archive.by_index(index).map_err(|error| damaged(&error))?;
-    let mut spool = options.spool();
     let mut buffer = vec![0; 1 << 20];
-    loop {
-        match entry.read(&mut buffer) {
-            Ok(0) => break,
-            Ok(n) => spool.write(&buffer[..n])?,
-            Err(error) => {
-                return Err(file.bad(format!(
-                    "'{}' in the zip archive cannot be unpacked ({error}): fetch the archive again",
-                    name.escape_default()
-                )));
+    let mut unpack = |index: usize, put: &mut dyn FnMut(&[u8]) -> Result<()>| {
+        let mut entry = archive.by_index(index).map_err(|error| damaged(&error))?;
+        loop {
+            match entry.read(&mut buffer) {
+                Ok(0) => return Ok(()),
+                Ok(n) => put(&buffer[..n])?,
+                Err(error) => {
+                    return Err(file.bad(format!(
+                        "'{}' in the zip archive cannot be unpacked ({error}): fetch the archive again",
+                        names[index].escape_default()
+                    )));
+                }
             }
         }
+    };
+    let mut spool = options.spool();
+    unpack(index, &mut |bytes| spool.write(bytes))?;
+    let is_companion =
+        |other: &usize| ends(&names[*other], &COMPANIONS) && !is_hidden(&names[*other]);
+    let companions: Vec<usize> = (0..names.len()).filter(is_companion).collect();
+    if companions.is_empty() {
+        let base: String = name.rsplit('/').next().unwrap_or_default().escape_default().collect();
+        return Ok((spool.finish(&file.path().join(base))?, None));
     }
-    let base: String = name.rsplit('/').next().unwrap_or_default().escape_default().collect();
-    Ok((spool.finish(&file.path().join(base))?, n_beside))
+    let io = |error| Error::io(&options.temp_dir, "cannot unpack an archive", error);
+    let folder = ScratchFolder::new(&options.temp_dir).map_err(io)?;
+    for other in companions {
+        let path = folder.path().join(place_of(&names[other]));
+        std::fs::create_dir_all(path.parent().unwrap_or(folder.path())).map_err(io)?;
+        let mut out = std::fs::File::create(&path).map_err(io)?;
+        unpack(other, &mut |bytes| out.write_all(bytes).map_err(io))?;
+    }
+    Ok((spool.finish(&folder.path().join(place_of(name)))?, Some(folder)))
+}
+
+/// The place of a file of an archive in a folder, never outside of it; programs on Windows write backslashes.
+fn place_of(name: &str) -> PathBuf {
+    let name = PathBuf::from(name.replace('\\', "/"));
+    name.components().filter(|part| matches!(part, Component::Normal(_))).collect()
 }
 
 /// A file that is read from a place on.

@@ -15,7 +15,6 @@ use std::ops::Range;
 use std::path::Path;
 use stonecut_system::disk::open_input;
 use stonecut_system::error::{Error, Result};
-use stonecut_system::losses::{Loss, LossKind};
 use stonecut_system::units::show_bytes;
 
 /// Compression of an input.
@@ -97,17 +96,15 @@ fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
     let first = &first[..n];
     let is_stl = stl::has_fitting_length(&file)?;
     if !is_stl && containers::is_zip(first) {
-        let (inside, n_beside) = containers::unzip(&file, options)?;
+        let (inside, folder) = containers::unzip(&file, options)?;
         if containers::is_zip(&start_of(&inside)?) {
             return Err(file.bad("this is an archive in an archive: unpack it first"));
         }
-        let mut source = open_raw(inside, options)?;
-        if n_beside > 0 {
-            let what = "images and material libraries in the archive";
-            let loss = Loss::new(LossKind::Images, what, "not read").count(n_beside);
-            let loss = loss.remedy("unpack it to have them");
-            source.note(if source.materials().is_some() { loss.whole() } else { loss.notice() });
-        }
+        let source = open_raw(inside, options);
+        let Some(folder) = folder else { return source };
+        let (inner, name) = (folder.path(), file.path());
+        let mut source = source.map_err(|error| error.moved(inner, name))?;
+        source.leave_folder(inner, name, options.spool())?;
         return Ok(source);
     }
     if let (false, Some(encoding)) = (is_stl, encodings::utf16(first)) {

@@ -168,6 +168,18 @@ impl Error {
         Error::Io { path, action, source }
     }
 
+    /// The same error about an input whose folder is known by another name.
+    #[must_use]
+    pub fn moved(self, from: &Path, to: &Path) -> Self {
+        match self {
+            Error::BadInput { path, what } => Error::BadInput {
+                path: path.strip_prefix(from).map_or_else(|_| path.clone(), |rest| to.join(rest)),
+                what: what.replace(&*from.to_string_lossy(), &to.to_string_lossy()),
+            },
+            other => other,
+        }
+    }
+
     /// Wraps a failure to write to standard output.
     pub fn stdout(source: std::io::Error) -> Self {
         if source.kind() == std::io::ErrorKind::BrokenPipe {

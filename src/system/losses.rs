@@ -137,6 +137,13 @@ impl Loss {
         self.severity(Severity::Whole)
     }
 
+    /// Puts another name in the place of a folder's.
+    pub fn rename(&mut self, from: &str, to: &str) {
+        for text in [&mut self.what, &mut self.example, &mut self.reason] {
+            *text = text.replace(from, to);
+        }
+    }
+
     /// Returns whether two entries are of the same things for the same reason.
     fn is_like(&self, other: &Loss) -> bool {
         (self.kind, &self.what, &self.reason) == (other.kind, &other.what, &other.reason)
@@ -194,6 +201,11 @@ impl Ledger {
     /// Adds a loss; counts of the same things for the same reason add up.
     pub fn lose(&mut self, loss: Loss) {
         self.enter(loss, |known, new| known + new);
+    }
+
+    /// Puts another name in the place of a folder's.
+    pub fn rename(&mut self, from: &str, to: &str) {
+        self.entries.iter_mut().for_each(|loss| loss.rename(from, to));
     }
 
     /// True if a loss of the same things for the same reason is known.

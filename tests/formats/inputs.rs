@@ -116,6 +116,13 @@ fn sets_that_cannot_be_meant_are_refused_by_name() {
     assert!(said.contains("cut.ply"), "{said}");
     let said = expect(at, "simplify tiles out.ply --ratio 50% --skip-bad", 3);
     assert!(said.contains("cut.ply") && said.contains("left out"), "{said}");
+    std::fs::write(at.join("list.txt"), "tiles/tile_000.ply\ntiles/gone.ply\n").unwrap();
+    let said = expect(at, "convert @list.txt out.ply --force", 4);
+    assert!(said.contains("tiles/gone.ply: the file does not exist"), "{said}");
+    for inputs in ["@list.txt", "tiles/tile_000.ply tiles/gone.ply"] {
+        let said = expect(at, &format!("convert {inputs} out.ply --force --skip-bad"), 3);
+        assert!(said.contains("gone.ply: not there"), "{said}");
+    }
     std::fs::write(at.join("tiles/other.obj"), "").unwrap();
     let said = expect(at, "simplify tiles out.ply --ratio 50%", 4);
     assert!(said.contains("1 .obj, 5 .ply"), "{said}");

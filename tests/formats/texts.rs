@@ -170,6 +170,10 @@ fn colours_of_facets_are_read() {
     let (found, notes) = read(binary(b"", &viscam));
     assert_eq!(found, ["255 0 0", "0 0 255", "255 255 255"]);
     assert_eq!((notes[0].what.as_str(), notes[0].count), ("facets without colour", 1));
+    // A facet whose bytes lack the flag has no colour; the others keep theirs.
+    let (found, notes) = read(binary(b"", &[viscam[0], (1.0, 31), (2.0, 0)]));
+    assert_eq!(found, ["255 0 0", "255 255 255", "255 255 255"]);
+    assert_eq!((notes[0].what.as_str(), notes[0].count), ("facets without colour", 2));
     // Magics: no flag, blue, green, red; the flag stands for the colour of all.
     let header = b"COLOR=\x0a\x14\x1e\xff,MATERIAL=";
     let (found, _) = read(binary(header, &[(0.0, 31), (1.0, 31 << 10), (2.0, 0x8000)]));
@@ -249,19 +253,59 @@ fn an_archive_with_one_mesh_is_read() {
     let obj = OBJ.as_bytes();
     let one = zip(&[("scan/a.obj", obj), ("__MACOSX/._a.obj", b"x"), ("read me.txt", b"x")]);
     assert_eq!(counts(&open("a.zip", &one, false).unwrap()), (4, 2));
-    let with_images = zip(&[("a.obj", obj), ("a.png", b"x")]);
-    let source = open("a.zip", &with_images, false).unwrap();
-    assert!(source.notes()[0].remedy.contains("unpack it"), "{:?}", source.notes());
-    // A mesh that needs them has lost them.
-    let folder = tempfile::tempdir().unwrap();
-    let textured = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\n";
-    let whole = zip(&[("a.obj", textured.as_bytes()), ("a.mtl", b"newmtl a"), ("a.png", b"x")]);
-    std::fs::write(folder.path().join("a.zip"), whole).unwrap();
-    let said = crate::common::expect(folder.path(), "convert a.zip out.glb", 3);
-    assert!(said.contains("2 of them: not read; unpack it"), "{said}");
     let two = zip(&[("a.obj", obj), ("b.obj", obj)]);
     assert!(refusal("a.zip", &two).contains("2 of them meshes"));
     assert!(refusal("a.3mf", &zip(&[("3D/3dmodel.model", b"<model/>")])).contains("3MF"));
     assert!(refusal("a.usdz", &zip(&[("a.usdc", b"PXR-USDC")])).contains("USDZ"));
     refusal("a.zip", &one[..one.len() / 2]);
+}
+
+/// A BMP of one red pixel.
+const RED: &[u8] =
+    b"BM\x3a\0\0\0\0\0\0\0\x36\0\0\0\x28\0\0\0\x01\0\0\0\x01\0\0\0\x01\0\x18\0\0\0\0\0\x04\0\0\0\
+    \0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\xff\0";
+
+#[test]
+fn an_archive_is_read_with_all_that_its_mesh_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let obj = b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\n";
+    let mtl = b"newmtl a\nmap_Kd C:\\scans\\red.bmp\n";
+    let ply = b"ply\nformat ascii 1.0\ncomment TextureFile tex/red.bmp\nelement vertex 3\nproperty float x\n\
+        property float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\n\
+        property list uchar float texcoord\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 6 0 0 0 0 0 0\n";
+    let gltf = br#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],"meshes":[{
+        "primitives":[{"attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0}]}],"buffers":[{"uri":"a.bin","byteLength":60}],
+        "bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":24}],"accessors":[{"bufferView":0,
+        "componentType":5126,"count":3,"type":"VEC3"},{"bufferView":1,"componentType":5126,"count":3,"type":"VEC2"}],
+        "images":[{"uri":"textures/red.bmp"}],"textures":[{"source":0}],
+        "materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}]}"#;
+    let points: [f32; 15] = [0., 0., 0., 1., 0., 0., 0., 1., 0., 0., 0., 0., 0., 0., 0.];
+    let buffer: Vec<u8> = points.iter().flat_map(|x| x.to_le_bytes()).collect();
+    for (name, files) in [
+        ("obj", &[("s/a.obj", &obj[..]), ("s/a.mtl", mtl), ("textures/red.bmp", RED)][..]),
+        ("windows", &[("s\\a.obj", obj), ("s\\a.mtl", mtl), ("s\\t\\red.bmp", RED)]),
+        ("outside", &[("a.obj", obj), ("../a.mtl", mtl), ("../../red.bmp", RED)]),
+        ("ply", &[("a/a.ply", ply), ("a/tex/red.bmp", RED)]),
+        ("gltf", &[("scene.gltf", gltf), ("a.bin", &buffer), ("textures/red.bmp", RED)]),
+    ] {
+        std::fs::write(at.join(format!("{name}.zip")), zip(files)).unwrap();
+        let said = crate::common::expect(at, &format!("convert {name}.zip {name}.obj"), 0);
+        assert!(!said.contains("/.stonecut"), "{name}: {said}");
+        let found = std::fs::read_dir(at).unwrap().flatten().map(|entry| entry.file_name());
+        let names: Vec<String> = found.map(|name| name.to_string_lossy().into_owned()).collect();
+        let folders = names.iter().filter(|folder| folder.starts_with(name));
+        let images: Vec<Vec<u8>> =
+            folders.filter_map(|f| std::fs::read(at.join(f).join("red.bmp")).ok()).collect();
+        assert!(images == [RED], "{name}: {names:?}");
+        assert!(!names.iter().any(|name| name.starts_with('.')), "{names:?}");
+    }
+    // An image that is not there, and a mesh that is damaged, are named as the archive has them.
+    let files = [("s/a.obj", &obj[..]), ("s/a.mtl", mtl)];
+    std::fs::write(at.join("none.zip"), zip(&files)).unwrap();
+    let said = crate::common::expect(at, "convert none.zip none.glb", 3);
+    assert!(said.contains("none.zip/s/red.bmp") && !said.contains("/.stonecut"), "{said}");
+    std::fs::write(at.join("bad.zip"), zip(&[("a.obj", b"v 0 0 0\nf 1 2 3\n"), files[1]])).unwrap();
+    let said = crate::common::expect(at, "info bad.zip", 4);
+    assert!(said.contains("bad.zip/a.obj") && !said.contains("/.stonecut"), "{said}");
 }

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 use stonecut_system::disk::{open_input, read_regular};
 use stonecut_system::error::{Error, Result};
-use stonecut_system::losses::Loss;
+use stonecut_system::losses::{Loss, LossKind};
 use stonecut_system::memory::{budget_bytes, limit_bytes};
 use stonecut_system::paths::{Paths, Role};
 
@@ -32,6 +32,8 @@ pub struct InputPaths {
     shown: PathBuf,
     /// Memory of the command, if it was said.
     memory: Option<u64>,
+    /// True if files that are not there are left out and named.
+    skips_missing: bool,
     found: Found,
 }
 
@@ -54,12 +56,19 @@ impl InputPaths {
                 shown.into()
             }
         };
-        InputPaths { given, shown, memory: None, found: Found::default() }
+        let (memory, skips_missing) = (None, false);
+        InputPaths { given, shown, memory, skips_missing, found: Found::default() }
     }
 
     /// The same paths in a command of this memory: lists and trees of tiles take a share of it.
     pub fn within(mut self, memory: Option<u64>) -> InputPaths {
         self.memory = memory;
+        self
+    }
+
+    /// The same paths, of which those that are not there are left out and named if `skips` and others are there.
+    pub fn skipping_missing(mut self, skips: bool) -> InputPaths {
+        self.skips_missing = skips;
         self
     }
 
@@ -84,7 +93,8 @@ impl InputPaths {
             }
             None => folder.join(path),
         };
-        InputPaths::new(self.given.iter().map(place).collect()).within(self.memory)
+        let placed = InputPaths::new(self.given.iter().map(place).collect());
+        placed.within(self.memory).skipping_missing(self.skips_missing)
     }
 
     /// Returns whether this is one mesh file, or standard input.
@@ -118,6 +128,16 @@ impl InputPaths {
                 return Err(Error::Usage(what.to_owned()));
             }
             add(path, limit, &mut set)?;
+        }
+        if self.skips_missing && set.parts.iter().any(|part| part.path.exists()) {
+            let InputSet { parts, losses, .. } = &mut set;
+            parts.retain(|part| {
+                let is_there = part.path.exists();
+                if !is_there {
+                    losses.lose(left_out(&format!("{}: not there", part.path.display())));
+                }
+                is_there
+            });
         }
         let mut keyed: Vec<(PathBuf, MeshPart)> =
             set.parts.into_iter().map(|part| (full(&part.path), part)).collect();
@@ -166,6 +186,11 @@ impl InputPaths {
         let parts = set.parts.iter().map(|part| &part.path);
         Ok(parts.chain(&set.found_in).filter(|path| seen.insert(*path)).cloned().collect())
     }
+}
+
+/// The loss of a file among several: a part of the surface is not there, so the command ends with 3 as with dropped faces.
+pub(super) fn left_out(error: &str) -> Loss {
+    Loss::new(LossKind::Geometry, "files", "left out: cannot be read").example(error).whole()
 }
 
 /// The file of a list `@list.txt`.

@@ -4,6 +4,7 @@
 //! Small parts are opened side by side, large ones one at a time. Disk: the joined mesh and one part; twice that where the layouts of
 //! parts differ. Does not join vertices (`weld`).
 
+use super::inputs::left_out;
 use super::looks::{Looks, content};
 use super::places::{Places, is_place};
 use super::schemas::{Union, widest};
@@ -26,7 +27,7 @@ use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::property::{Scalar, read_scalar, write_scalar};
 use stonecut_mesh::record::VertexSchema;
 use stonecut_system::error::{Error, Result};
-use stonecut_system::losses::{Ledger, Loss, LossKind};
+use stonecut_system::losses::{Ledger, Loss};
 use stonecut_system::parallel;
 use stonecut_system::progress::Progress;
 
@@ -110,9 +111,7 @@ pub(crate) fn stage(
         let read = ahead.map_or_else(|| read_part(part, None, options), Ok);
         match read.and_then(|read| all.add(part, read, options)) {
             Err(error @ Error::BadInput { .. }) if options.read.skip_bad && set.parts.len() > 1 => {
-                let loss = Loss::new(LossKind::Geometry, "files", "left out: cannot be read");
-                // A part of the surface is not there: as with dropped faces, the command ends with 3.
-                all.staged.losses.lose(loss.example(error.to_string()).whole());
+                all.staged.losses.lose(left_out(&error.to_string()));
                 Ok(())
             }
             added => added,

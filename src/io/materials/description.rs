@@ -2,10 +2,11 @@
 //!
 //! A face names its material by number (`texnumber`). Images are named, never decoded. Does not read or write files.
 
-use crate::ply::raw::RawFile;
+use crate::ply::raw::{RawFile, Spool};
 use std::collections::{HashMap, HashSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use stonecut_system::error::Result;
 use stonecut_system::losses::{Ledger, Loss, LossKind};
 
 /// The property of faces that holds the number of their material.
@@ -308,6 +309,36 @@ impl Materials {
                 *n += 1;
             }
         }
+    }
+
+    /// Takes the images out of a folder that is going to vanish, into temporary data. `name` is what the folder is known by.
+    ///
+    /// Errors: an image that cannot be read, temporary data that cannot be written.
+    pub(crate) fn leave_folder(
+        &mut self,
+        folder: &Path,
+        name: &Path,
+        mut spool: Spool,
+    ) -> Result<()> {
+        let mut places = Vec::new();
+        for (i, image) in self.images.iter_mut().enumerate() {
+            let ImageData::File(path) = &mut image.data else { continue };
+            let Ok(rest) = path.strip_prefix(folder).map(Path::to_path_buf) else { continue };
+            if path.is_file() {
+                let file = RawFile::open(path)?;
+                places.push((i, spool.len(), file.len()));
+                spool.append_file(&file)?;
+            }
+            *path = name.join(rest);
+        }
+        let file = Arc::new(spool.finish(name)?);
+        for (i, offset, n_bytes) in places {
+            self.images[i].data = ImageData::Inside(Part { file: file.clone(), offset, n_bytes });
+        }
+        self.by_path.clear();
+        self.libraries.clear();
+        self.losses.rename(&folder.to_string_lossy(), &name.to_string_lossy());
+        Ok(())
     }
 
     /// Enters a remark on what was found otherwise than it is written.

@@ -1,9 +1,12 @@
-//! Places an open mesh: looks at all positions once, and notes what becomes of them as they leave the reader.
+//! Places an open mesh: looks at all positions once, and notes what becomes of them as they leave the reader. Takes it out of a
+//! folder that vanishes.
 
 use super::VertexBlock;
 use super::placed::Placed;
+use super::raw::Spool;
 use super::source::MeshSource;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::placing::{Placing, offset_in};
 use stonecut_system::error::Result;
@@ -46,5 +49,20 @@ impl MeshSource {
     /// The offset that was subtracted from the coordinates of the input, now or before, or that files beside it name.
     pub fn offset(&self) -> Option<[f64; 3]> {
         offset_in(self.comments())
+    }
+
+    /// Takes what the mesh names out of a folder that is going to vanish; `name` is what the folder is known by.
+    ///
+    /// Errors: an image that cannot be read, temporary data that cannot be written.
+    pub(crate) fn leave_folder(&mut self, folder: &Path, name: &Path, spool: Spool) -> Result<()> {
+        self.file.leave_folder(folder, name);
+        self.staged.beside.clear();
+        let (from, to) = (folder.to_string_lossy(), name.to_string_lossy());
+        self.staged.losses.rename(&from, &to);
+        self.staged.notes.iter_mut().for_each(|note| note.rename(&from, &to));
+        if let Some(materials) = &mut self.staged.materials {
+            Arc::make_mut(materials).leave_folder(folder, name, spool)?;
+        }
+        Ok(())
     }
 }

@@ -93,6 +93,13 @@ impl RawFile {
         &self.path
     }
 
+    /// Names a file in a folder from what the folder is known by.
+    pub(crate) fn leave_folder(&mut self, folder: &Path, name: &Path) {
+        if let Ok(rest) = self.path.strip_prefix(folder) {
+            self.path = name.join(rest);
+        }
+    }
+
     /// Returns whether this is the file of its name itself.
     pub fn is_original(&self) -> bool {
         self.is_original

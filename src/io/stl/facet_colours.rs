@@ -2,7 +2,7 @@
 //!
 //! VisCAM and SolidView: bit 15 is set where a facet has a colour; blue is lowest. Materialise Magics: the header has
 //! `COLOR=` and a colour for all; bit 15 is clear where a facet has its own, and red is lowest. Other values are not
-//! colours, and a note says that they are left out.
+//! colours: facets that have them beside some with a colour are white, and a note counts them.
 
 use crate::ply::raw::{RawFile, Spool};
 use stonecut_system::error::Result;
@@ -113,16 +113,16 @@ impl FacetColours {
 }
 
 impl Part {
-    /// Returns whether all marks are colours as VisCAM has them.
+    /// Returns whether facets have colours as VisCAM has them.
     fn is_viscam(&self) -> bool {
-        self.n_marked > 0 && self.n_flagged == self.n_marked
+        self.whole.is_none() && self.n_flagged > 0
     }
 
     /// Facets without a colour.
     fn n_white(&self) -> u64 {
         match self.whole {
             Some(_) => 0,
-            None => self.n_facets - if self.is_viscam() { self.n_flagged } else { 0 },
+            None => self.n_facets - self.n_flagged,
         }
     }
 
@@ -135,7 +135,7 @@ impl Part {
             // Programs that write one colour for all leave the bytes of the facets 0, which would be black.
             Some(whole) if word & FLAG != 0 || self.n_marked == 0 => whole,
             Some(_) => [low, middle, high],
-            None if self.is_viscam() && word & FLAG != 0 => [high, middle, low],
+            None if word & FLAG != 0 => [high, middle, low],
             None => WHITE,
         }
     }

@@ -299,6 +299,37 @@ pub fn scratch_file(folder: &Path) -> std::io::Result<File> {
     }
 }
 
+/// A folder for files that others look for by name; it vanishes with this value.
+#[derive(Debug)]
+pub struct ScratchFolder(PathBuf);
+
+impl ScratchFolder {
+    /// A new folder in `folder`.
+    pub fn new(folder: &Path) -> std::io::Result<ScratchFolder> {
+        static COUNTER: AtomicU64 = AtomicU64::new(0);
+        loop {
+            let n = COUNTER.fetch_add(1, Relaxed);
+            let path = folder.join(format!(".stonecut.{}-{n}.files", std::process::id()));
+            match std::fs::create_dir(&path) {
+                Ok(()) => return Ok(ScratchFolder(path)),
+                Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
+                Err(e) => return Err(e),
+            }
+        }
+    }
+
+    /// Its path.
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for ScratchFolder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
 /// A scratch file of `n_bytes` zeros that is written in no order.
 ///
 /// Its blocks are taken at once where the file system can do that: one that is filled here and there lies in thousands of
