@@ -19,7 +19,7 @@ use crate::system::progress::Progress;
 use clap::Parser;
 use std::ffi::OsString;
 
-/// Runs `simplify`, `measure`, `info`, `convert`, `render`, `synth`, `tiles` or `extract`.
+/// Runs `simplify`, `measure`, `info`, `convert`, `render`, `synth`, `tiles`, `extract` or `transfer`.
 ///
 /// Errors: those of the command; `Usage` for words that cannot be read and for other commands; `Internal` for a panic.
 pub fn call(words: &[OsString], progress: &Progress) -> Result<Answer> {

@@ -21,6 +21,8 @@ pub(super) enum Mode {
     Progressive,
     /// `--close`, or `--for`, which stands for it.
     Closing,
+    /// `--map`.
+    Map,
 }
 
 impl Mode {
@@ -47,6 +49,11 @@ impl Mode {
             Mode::Closing => format!(
                 "--close (or --for) fills holes far from the input's surface, and needs their borders free: not with {option}"
             ),
+            Mode::Map => {
+                format!(
+                    "--map follows vertices through the collapses of one run: not with {option}"
+                )
+            }
         }
     }
 }

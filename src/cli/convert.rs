@@ -153,7 +153,8 @@ fn open(args: &Args) -> Result<Ready> {
     let memory_bytes = super::arguments::memory_budget(args.memory);
     let mut stage = StageOptions { read, ..StageOptions::new(folder) }.within(memory_bytes);
     let how = args.weld.unwrap_or(if args.paths.input.is_one() { Weld::Off } else { Weld::Auto });
-    stage.weld = Some(WeldOptions { how, exact_above: 0, labels: Vec::new() });
+    stage.weld =
+        Some(WeldOptions { how, exact_above: 0, labels: Vec::new(), keeps_numbers: false });
     let source = MeshSource::open_staged(&args.paths.input, &stage)?;
     source.refuse_output(&args.paths.output)?;
     hold(&source, memory_bytes)?;

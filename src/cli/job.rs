@@ -108,6 +108,7 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("verify", format!("{:?}", config.checks.verify)),
         ("seams", format!("{:?}", config.checks.seams)),
         ("progressive", format!("{:?}", config.progressive)),
+        ("map", format!("{:?}", config.map)),
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
     ] {
         settings.insert(name.to_owned(), value);
@@ -136,7 +137,8 @@ pub(super) fn done_before(config: &Config, report: Option<&Path>) -> Option<u8> 
     let now = record(config, done.input.clone(), done.exit_code)?;
     let now = if report.is_some() { now } else { sealed(now) };
     // Side files are not looked at.
-    let has_sides = config.checks.seams.is_some() || config.progressive.is_some();
+    let has_sides =
+        config.checks.seams.is_some() || config.progressive.is_some() || config.map.is_some();
     (is_input && !has_sides && now == done).then_some(done.exit_code)
 }
 

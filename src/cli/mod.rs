@@ -41,6 +41,7 @@ mod status;
 mod synth;
 mod terminal;
 mod tiles;
+mod transfer;
 mod used;
 mod verify;
 mod work;
@@ -81,6 +82,7 @@ enum Typed {
     Tiles(tiles::Args),
     Extract(extract::Args),
     Refine(refine::Args),
+    Transfer(transfer::Args),
     Measure(measure::Args),
     Verify(verify::Args),
     Compare(compare::Args),
@@ -217,6 +219,7 @@ impl Typed {
             Typed::Tiles(args) => args,
             Typed::Extract(args) => args,
             Typed::Refine(args) => args,
+            Typed::Transfer(args) => args,
             Typed::Measure(args) => args,
             Typed::Verify(args) => args,
             Typed::Compare(args) => args,
@@ -242,7 +245,7 @@ impl Typed {
 
     /// True if a caller in the same process can run it, too.
     fn is_callable(&self) -> bool {
-        use Typed::{Convert, Extract, Info, Measure, Render, Simplify, Synth, Tiles};
+        use Typed::{Convert, Extract, Info, Measure, Render, Simplify, Synth, Tiles, Transfer};
         matches!(
             self,
             Simplify(_)
@@ -253,6 +256,7 @@ impl Typed {
                 | Synth(_)
                 | Tiles(_)
                 | Extract(_)
+                | Transfer(_)
         )
     }
 }

@@ -25,12 +25,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Options that change no byte of the result, or name other files: no receipt has them.
-const NOT_KEPT: [&str; 19] = [
+const NOT_KEPT: [&str; 20] = [
     "dry-run",
     "force",
     "help",
     "keep-temp",
     "log-file",
+    "map",
     "memory",
     "min-free",
     "progress",

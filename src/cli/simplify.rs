@@ -125,6 +125,11 @@ pub struct Args {
     near: TypedNear,
     #[command(flatten)]
     progressive: TypedProgressive,
+    /// Write a map of vertices, too: two arrays of NumPy in one file, for each vertex of the input the number of the one of the
+    /// result that it became (-1: none), and for each of the result the nearest of these. 'stonecut transfer' carries values
+    /// over by it.
+    #[arg(long, value_name = "MAP.npy")]
+    map: Option<PathBuf>,
     /// Print the plan and stop.
     #[arg(long)]
     dry_run: bool,
@@ -217,7 +222,7 @@ impl Args {
             texture: match self.texture {
                 TypedTexture::Keep | TypedTexture::None => Texture::Keep,
                 TypedTexture::Bake => Texture::Bake,
-                TypedTexture::Auto if progressive.is_some() => Texture::Keep,
+                TypedTexture::Auto if progressive.is_some() || self.map.is_some() => Texture::Keep,
                 TypedTexture::Auto => Texture::Auto,
             },
             bake: self.pages.settings(self.bake_normals),
@@ -227,6 +232,7 @@ impl Args {
             textures: self.textures,
             error_field: self.error_field,
             progressive: progressive.clone(),
+            map: self.map.clone(),
             min_component: self.solid.min_component(self.min_component),
             close: self.solid.close(),
             attributes: Attributes {
@@ -270,7 +276,9 @@ impl Args {
 impl Args {
     /// Refuses options that do not go with each other.
     fn check_conflicts(&self) -> Result<()> {
-        use Mode::{Closing, Joining, Method as Other, Optimize, Pages, Pairs, Progressive, Seams};
+        use Mode::{
+            Closing, Joining, Map, Method as Other, Optimize, Pages, Pairs, Progressive, Seams,
+        };
         let (target, near, pages, texture) = (&self.target, &self.near, &self.pages, self.texture);
         let solid = &self.solid;
         let bakes = texture == TypedTexture::Bake;
@@ -288,18 +296,19 @@ impl Args {
             (Seams, given(self.checks.seams.is_some())),
             (Progressive, given(records)),
             (Closing, given(solid.close().is_some())),
+            (Map, given(self.map.is_some())),
         ];
-        let options: [Row; 31] = [
+        let options: [Row; 32] = [
             (
                 "--max-error",
                 target.max_error.is_some(),
-                &[Optimize, Pairs, Other, Seams, Progressive, Closing],
+                &[Optimize, Pairs, Other, Seams, Progressive, Closing, Map],
             ),
             ("--lock", near.lock().is_some(), &[Optimize, Pairs, Other, Progressive, Closing]),
-            ("--for", solid.has_purpose(), &[Optimize, Pairs, Other, Progressive]),
-            ("--close", solid.close().is_some(), &[Optimize, Pairs, Other, Progressive]),
-            ("--orient", solid.orient(), &[Optimize, Pairs, Other]),
-            ("a list of targets", target.is_chain(), &[Optimize, Pairs, Other, Progressive]),
+            ("--for", solid.has_purpose(), &[Optimize, Pairs, Other, Progressive, Map]),
+            ("--close", solid.close().is_some(), &[Optimize, Pairs, Other, Progressive, Map]),
+            ("--orient", solid.orient(), &[Optimize, Pairs, Other, Map]),
+            ("a list of targets", target.is_chain(), &[Optimize, Pairs, Other, Progressive, Map]),
             ("--topology keep", keeps_topology, &[Pairs, Joining, Progressive]),
             ("--placement subset", places_subset, &[Optimize, Pairs]),
             ("--placement midpoint", self.placement == TypedPlacement::Midpoint, &[Pairs]),
@@ -312,16 +321,17 @@ impl Args {
             ("--topology", keeps_topology, &[Other]),
             ("--fit", self.fit != TypedFit::Auto, &[Other]),
             ("--placement", self.placement != TypedPlacement::Optimal, &[Other]),
-            ("--merge-distance", near.has_merge_distance(), &[Other]),
+            ("--merge-distance", near.has_merge_distance(), &[Other, Map]),
             ("--pairs", self.method.pairs, &[Other]),
             ("--seams", self.checks.seams.is_some(), &[Optimize, Pairs, Other]),
-            ("--progressive", records, &[Optimize, Pairs, Other, Pages]),
+            ("--progressive", records, &[Optimize, Pairs, Other, Pages, Map]),
+            ("--map", self.map.is_some(), &[Optimize, Pairs, Other]),
             ("--no-self-intersections", solid.no_self_intersections(), &[Optimize, Pairs, Other]),
             ("--textures", self.textures.is_some(), &[Other]),
             ("--texture keep", texture == TypedTexture::Keep, &[Other, Pages]),
             ("--texture none", texture == TypedTexture::None, &[Pages]),
             ("--drop-texture", self.drop_texture, &[Pages]),
-            ("--texture bake", bakes, &[Optimize, Pairs, Other, Progressive]),
+            ("--texture bake", bakes, &[Optimize, Pairs, Other, Progressive, Map]),
             ("--bake-size", pages.bake_size.is_some(), &[Other]),
             ("--bake-pages", pages.bake_pages.is_some(), &[Other]),
             ("--bake-normals", self.bake_normals, &[Other, Progressive]),
@@ -377,6 +387,7 @@ impl Args {
                 "--progressive",
                 self.progressive.progressive.as_ref(),
             )
+            .with_option(Role::Side(Kind::Map), "--map", self.map.as_ref())
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
             .with(Role::JobFolder, "the job folder", job_folder))
     }

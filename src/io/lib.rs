@@ -21,6 +21,7 @@ mod label_survey;
 mod lock;
 pub mod materials;
 mod names;
+pub mod npy;
 mod obj;
 mod open;
 mod open_edges;

@@ -48,6 +48,12 @@ impl Followed {
     /// Names the sources of the vertices that are left instead of themselves; `source` is that of the surface's vertices.
     pub(crate) fn by_source(mut self, rings: &[Ring], source: &[u32]) -> Followed {
         self.follow(rings);
+        // The source of a vertex that others took over may be that of a new one by now.
+        for at in &mut self.0 {
+            if rings.get(*at as usize).is_some_and(|ring| ring.len == 0) {
+                *at = GONE;
+            }
+        }
         self.renumber(source);
         self
     }

@@ -3,8 +3,6 @@
 use super::Mesh;
 use super::vec3::{Vec3, add, length_sq, scale, sub};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
-use stonecut_system::error::{Error, Result};
 
 /// An axis-aligned box; empty if no point was added.
 ///
@@ -114,9 +112,9 @@ impl Bounds {
         (0..3).map(|k| self.high[k] - self.low[k]).fold(0.0, f64::max)
     }
 
-    /// Refuses a mesh that is wider than the largest of `sizes`, or narrower than the smallest, for the sake of `what`: products of
-    /// lengths would overflow or vanish. A mesh without any extent is not a matter of its size.
-    pub fn hold(&self, path: &Path, what: &str, sizes: [f64; 2]) -> Result<()> {
+    /// Refuses, in words, a mesh that is wider than the largest of `sizes`, or narrower than the smallest, for the sake of `what`:
+    /// products of lengths would overflow or vanish. A mesh without any extent is not a matter of its size.
+    pub fn hold(&self, what: &str, sizes: [f64; 2]) -> Result<(), String> {
         let width = (0..3).map(|axis| self.high[axis] - self.low[axis]).fold(0.0, f64::max);
         let [least, most] = sizes;
         // Not a number where nothing is.
@@ -127,11 +125,8 @@ impl Bounds {
             "scale its coordinates with --scale {:e}",
             10f64.powf(-width.log10().round().clamp(-300.0, 300.0))
         );
-        Err(Error::bad_input(
-            path,
-            format!(
-                "it is {width:.1e} units wide, and {what} takes meshes of {least:e} to {most:e}; {remedy}"
-            ),
+        Err(format!(
+            "it is {width:.1e} units wide, and {what} takes meshes of {least:e} to {most:e}; {remedy}"
         ))
     }
 

@@ -46,6 +46,7 @@ pub(super) fn kernel_side(facts: &Facts, config: &Config) -> (VertexLayout, kern
         label: channel_of(&ChannelKind::Label, schema, config),
         seam_share: attributes.weights.seam_share(),
         bound: bound.map(|bound| kernel::Bound { channel, ..bound }),
+        follow: config.map.is_some(),
         ..config.kernel.clone()
     };
     // Whether it is worth its time is a question of the whole job, not of what the finish sees.
@@ -64,6 +65,7 @@ pub(super) fn layout(
         has_reach: config.kernel.bound.is_some(),
         has_relief: fit::carries_relief(config, n_triangles),
         is_watched: config.kernel.no_self_intersections || config.close.is_some(),
+        has_origins: config.map.is_some(),
         lock: match &config.lock {
             None => None,
             Some(Lock::Boundary) => schema.lock_place(None),

@@ -204,6 +204,7 @@ fn write_kept(
         job: JobOptions { force: true, ..JobOptions::default() },
         error_field: false,
         progressive: None,
+        map: None,
         format: OutputFormat { kind: Some(OutputKind::Ply), ..OutputFormat::default() },
         drop_texture: true,
         texture: Texture::Keep,

@@ -24,6 +24,7 @@ pub mod run_report;
 mod sealed_stages;
 mod steps;
 pub mod tiles;
+pub mod transfer;
 pub mod units;
 pub(crate) mod verify;
 

@@ -134,6 +134,9 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         Texture::Bake => Vec::new(),
         Texture::Auto | Texture::Keep => plan_textures(&source, &config)?,
     };
+    if config.map.is_some() {
+        check_map(&source, &config)?;
+    }
     if config.progressive.is_some() {
         check_recording(&source, &plan)?;
         plan.add_progressive(source.schema().record_bytes());
@@ -168,6 +171,7 @@ pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String
             _ => u64::MAX,
         },
         labels: config.attributes.labels.clone(),
+        keeps_numbers: config.map.is_some(),
     });
     stage.lock.clone_from(&config.lock);
     Ok((marks, stage))
@@ -213,12 +217,10 @@ fn check_error_field(source: &MeshSource, config: &Config) -> Result<()> {
 
 /// Refuses a progressive mesh where collapses are more than that, or where there is no finish to record.
 fn check_recording(source: &MeshSource, plan: &Plan) -> Result<()> {
-    let codec = source.schema().codec();
-    if codec.has_seams(source.schema()) || source.carried().is_some_and(|carry| carry.is_moved()) {
-        let what = "--progressive: texture coordinates and what faces carry are not recorded; give them up with --texture none \
-                    and --drop-faces, or texture coordinates at vertices with 'convert'";
-        return Err(Error::Usage(what.to_owned()));
-    }
+    refuse_seams(
+        source,
+        "--progressive: texture coordinates and what faces carry are not recorded",
+    )?;
     if !plan.finish || plan.target >= plan.triangles_in {
         let what = format!(
             "--progressive: {} of {} triangles are reached without a finish that could be recorded; ask for fewer triangles, or \
@@ -226,6 +228,35 @@ fn check_recording(source: &MeshSource, plan: &Plan) -> Result<()> {
             plan.target, plan.triangles_in
         );
         return Err(Error::Usage(what));
+    }
+    Ok(())
+}
+
+/// Refuses what splits the vertices of a mesh.
+fn refuse_seams(source: &MeshSource, why: &str) -> Result<()> {
+    let codec = source.schema().codec();
+    if codec.has_seams(source.schema()) || source.carried().is_some_and(|carry| carry.is_moved()) {
+        return Err(Error::Usage(format!(
+            "{why}; give them up with --texture none and --drop-faces, or texture coordinates at vertices with 'convert'"
+        )));
+    }
+    Ok(())
+}
+
+/// Refuses a map where vertices have no numbers that a reader of the files would find again.
+fn check_map(source: &MeshSource, config: &Config) -> Result<()> {
+    refuse_seams(
+        source,
+        "--map: texture coordinates and what faces carry split vertices, which have several numbers then",
+    )?;
+    let kind = config.kind()?;
+    if !matches!(kind, OutputKind::Ply | OutputKind::Obj) {
+        let what = "--map: only PLY and OBJ have a list of vertices as the map counts them; give an output that ends with .ply";
+        return Err(Error::Usage(what.to_owned()));
+    }
+    if source.parts().len() > 1 {
+        let what = "--map: vertices of several files have no common numbers; make one mesh of them first, with 'convert'";
+        return Err(Error::Usage(what.to_owned()));
     }
     Ok(())
 }

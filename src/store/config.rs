@@ -239,6 +239,8 @@ pub struct Config {
     pub error_field: bool,
     /// Write a progressive mesh of the finish.
     pub progressive: Option<Progressive>,
+    /// Write what became of every vertex of the input into this file.
+    pub map: Option<PathBuf>,
     /// Leave out components below this.
     pub min_component: Option<MinComponent>,
     /// Fill holes up to this.
@@ -300,6 +302,7 @@ impl Config {
             textures_beside: output.clone(),
             error_field: false,
             progressive: None,
+            map: None,
             min_component: None,
             close: None,
             checkpoint_every: CHECKPOINT_EVERY,

@@ -41,16 +41,18 @@ pub enum ChunkKind {
     Verdict = 8,
     /// Places of sampled vertices, three numbers of 8 bytes each; under cell 0.
     Samples = 9,
+    /// Rows of two vertex ids: a vertex of a cell before it was simplified, and the one that it became.
+    Origins = 10,
 }
 
 impl ChunkKind {
     fn from_code(code: u32) -> Option<ChunkKind> {
         use ChunkKind::{
-            Foreign, Found, Index, Samples, SharedIds, Survivors, Triangles, Verdict, Vertices,
+            Foreign, Found, Index, Origins, Samples, SharedIds, Survivors, Triangles, Verdict,
+            Vertices,
         };
-        [Vertices, Triangles, SharedIds, Survivors, Foreign, Index, Found, Verdict, Samples]
-            .into_iter()
-            .find(|kind| *kind as u32 == code)
+        let first = [Vertices, Triangles, SharedIds, Survivors, Foreign, Index, Found, Verdict];
+        first.into_iter().chain([Samples, Origins]).find(|kind| *kind as u32 == code)
     }
 }
 

@@ -54,6 +54,8 @@ pub enum Kind {
     Heatmap,
     /// The file of `simplify --progressive`; replaced with `--force` only.
     Progressive,
+    /// The file of `simplify --map`, or values of `transfer`; replaced with `--force` only.
+    Map,
 }
 
 struct Row {
@@ -293,7 +295,7 @@ impl Row {
         };
         match self.role {
             Role::Output if !force => refused("; give --force to replace it"),
-            Role::Side(Kind::Heatmap | Kind::Progressive) if !force => {
+            Role::Side(Kind::Heatmap | Kind::Progressive | Kind::Map) if !force => {
                 refused("; give --force to replace it")
             }
             // A script may have made the file for us (mktemp): nothing is lost with it.
@@ -335,6 +337,7 @@ impl Kind {
             Kind::Seams => has_line(SEAMS_SETTINGS),
             Kind::Heatmap => has_line(HEATMAP_SETTINGS),
             Kind::Progressive => head.starts_with(PROGRESSIVE_MAGIC),
+            Kind::Map => head.starts_with(ARRAY_MAGIC),
             Kind::Receipt => head.starts_with(RECEIPT_BEGINS),
             Kind::Signature => head.starts_with(SIGNATURE_BEGINS),
             Kind::Report => {
@@ -354,6 +357,9 @@ pub const HEATMAP_SETTINGS: &str = "measure --heatmap";
 
 /// The first bytes of a progressive mesh.
 pub const PROGRESSIVE_MAGIC: &[u8; 8] = b"stncutpm";
+
+/// First bytes of an array of NumPy.
+pub const ARRAY_MAGIC: &[u8] = b"\x93NUMPY";
 
 /// The first bytes of a receipt, of any version.
 pub const RECEIPT_BEGINS: &[u8] = b"{\"about\":\"stonecut receipt";

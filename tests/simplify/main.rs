@@ -12,6 +12,7 @@ mod in_memory;
 mod input;
 mod junctions;
 mod lock;
+mod map;
 mod max_error;
 mod methods;
 mod optimize;

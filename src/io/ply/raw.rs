@@ -31,6 +31,12 @@ enum Data {
     Chain(Vec<(u64, RawFile)>),
 }
 
+impl std::fmt::Debug for RawFile {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} ({} bytes)", self.path.display(), self.len)
+    }
+}
+
 impl RawFile {
     /// Several files one behind the other as if they were one, under a name for messages.
     pub fn chain(name: &Path, files: Vec<RawFile>) -> Self {

@@ -104,6 +104,8 @@ pub struct Staged {
     pub notes: Vec<Loss>,
     /// Outcome of joining copies of vertices (`io::weld`), if there was something to say.
     pub weld: Option<WeldReport>,
+    /// For each vertex before copies were joined its number now, 4 bytes each, if that was asked for.
+    pub numbers: Option<RawFile>,
     /// Property of vertices that says which of them must stay.
     pub lock: Option<LockedBy>,
     /// Files that became this mesh, if it was made of several.
@@ -242,6 +244,11 @@ impl MeshSource {
     /// Outcome of joining copies of vertices, where there was something to say.
     pub fn weld(&self) -> Option<&WeldReport> {
         self.staged.weld.as_ref()
+    }
+
+    /// For each vertex before copies were joined its number now, 4 bytes each: if any were, and this was to be kept.
+    pub fn joined_numbers(&self) -> Option<&RawFile> {
+        self.staged.numbers.as_ref()
     }
 
     /// Facts found before the PLY was opened, for another PLY that stands for this one.

@@ -49,7 +49,12 @@ pub fn join_parts(
     borders: &OpenBorders,
     options: &StageOptions,
 ) -> Result<MeshSource> {
-    let plain = || WeldOptions { how: Weld::Auto, exact_above: 0, labels: Vec::new() };
+    let plain = || WeldOptions {
+        how: Weld::Auto,
+        exact_above: 0,
+        labels: Vec::new(),
+        keeps_numbers: false,
+    };
     let how = options.weld.clone().unwrap_or_else(plain);
     let found = survey::of_parts(&source, borders, how.how)?;
     let n_parts = source.parts().len();

@@ -83,6 +83,11 @@ impl Numbers {
         Numbers { file, pages: vec![(u64::MAX, Vec::new()); Self::PAGES as usize] }
     }
 
+    /// The numbers as they were given.
+    pub fn into_file(self) -> RawFile {
+        self.file
+    }
+
     #[inline]
     pub fn get(&mut self, v: u64) -> Result<u32> {
         let page = v / Self::ROWS;

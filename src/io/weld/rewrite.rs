@@ -122,6 +122,7 @@ fn join_records<const N: usize>(
     let schema = source.schema().clone();
     restage(source, schema, (n_vertices, vertices), faces, options, |staged| {
         staged.weld = Some(report);
+        staged.numbers = how.keeps_numbers.then(|| numbers.into_file());
     })
 }
 

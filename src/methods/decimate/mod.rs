@@ -60,7 +60,9 @@ pub fn decimate(source: &MeshSource, settings: Settings, progress: &Progress) ->
     }
     progress.begin("decimate", 1, 2, source.n_triangles().saturating_sub(settings.target));
     let Loaded { positions, triangles, faults } = load(source, progress)?;
-    Bounds::around(&positions).hold(source.path(), "--method decimate", [1e-100, 1e50])?;
+    Bounds::around(&positions)
+        .hold("--method decimate", [1e-100, 1e50])
+        .map_err(|what| Error::bad_input(source.path(), what))?;
     let surface = Surface::new(positions, triangles);
     let mut run = Run::new(surface, settings);
     run.drain(false, progress)?;

@@ -81,7 +81,9 @@ pub fn retile(source: &MeshSource, settings: Settings, progress: &Progress) -> R
     progress.begin("retile", 1, 2, source.n_triangles());
     let Loaded { positions, triangles, faults } = load(source, progress)?;
     let bounds = Bounds::around(&positions);
-    bounds.hold(source.path(), "--method retile", [1e-100, 1e36])?;
+    bounds
+        .hold("--method retile", [1e-100, 1e36])
+        .map_err(|what| Error::bad_input(source.path(), what))?;
     let n_given = positions.len();
     let area = Surface::area(&positions, &triangles);
     // Clusters of a closed surface are half as many as triangles, and two more for each sphere.

@@ -52,7 +52,8 @@ pub(super) fn weld(
     let source = MeshSource::from_bytes("arrays", bytes, ReadOptions::default())?;
     let mut stage = StageOptions::new(std::env::temp_dir()).within(config.memory_bytes);
     let labels = Vec::new();
-    stage.weld = Some(WeldOptions { how: config.weld, exact_above: 0, labels });
+    stage.weld =
+        Some(WeldOptions { how: config.weld, exact_above: 0, labels, keeps_numbers: false });
     let source = weld_vertices(source, &stage)?;
     if source.weld().is_none_or(|weld| weld.joined == 0) {
         let ids = (0..positions.len() as u32).collect();

@@ -230,6 +230,15 @@ impl<'a> Course<'a> {
             };
             rows.push(row("first round", bytes as u64));
         }
+        // Origins of all rounds and the finish, and what they have left; then the map, and sorts for it.
+        if self.config.map.is_some() {
+            let finish = self.finishes.iter().flatten().map(|finish| finish.before);
+            let befores = self.steps().map(|(before, _)| before).chain(finish);
+            let origins = 2 * self.layout.ids.bytes as u64 + write::MAP_DISK_BYTES;
+            let left: f64 = self.rounds.iter().map(|&after| job.survivors(after)).sum();
+            let passed: u64 = befores.map(|before| origins * self.tally(before).vertices).sum();
+            rows.push(row("map", left as u64 + passed));
+        }
         if self.config.checks.verify {
             rows.push(row("verify", 3 * output_bytes));
         }

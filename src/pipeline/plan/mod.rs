@@ -111,6 +111,7 @@ impl Plan {
         // Partition, perhaps components, every round, every recut between rounds, finishes, and a file for each level.
         let n_stages = 1
             + u32::from(config.min_component.is_some())
+            + u32::from(config.map.is_some())
             + n_rounds
             + n_rounds.saturating_sub(1)
             + course.finishes.iter().flatten().count() as u32

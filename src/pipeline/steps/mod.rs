@@ -4,6 +4,7 @@
 //! them did. Decides nothing about meshes.
 
 mod baked;
+mod map;
 mod partition;
 mod report;
 mod rounds;
@@ -124,6 +125,8 @@ pub(super) struct SimplifyRun<'a> {
     charts_vanished: u64,
     /// Faces and vertices that the first loading of cells dropped.
     dropped: Option<Dropped>,
+    /// What rounds and the finish have left, if a map is asked for.
+    passed: Vec<SurvivorInfo>,
     /// Estimates from the probes of each round and of the finish.
     quality: QualityCurve,
     /// Statistics of the finish's fit.
@@ -178,6 +181,7 @@ impl<'a> SimplifyRun<'a> {
             charts_vanished: 0,
             dropped: None,
             seam_vertices: 0,
+            passed: Vec::new(),
             quality: QualityCurve::default(),
             fit: None,
             reach: 0.0,

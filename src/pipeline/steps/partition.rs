@@ -126,17 +126,20 @@ impl SimplifyRun<'_> {
 /// powers of lengths.
 fn hold_sizes(config: &Config, bounds: &Bounds) -> Result<()> {
     let kernel = &config.kernel;
+    let hold = |what: &str, sizes| {
+        bounds.hold(what, sizes).map_err(|what| Error::bad_input(&config.input, what))
+    };
     if config.texture == Texture::Bake || config.bake.normals {
-        bounds.hold(&config.input, "a new texture or normal map", [1e-36, 1e36])?;
+        hold("a new texture or normal map", [1e-36, 1e36])?;
     }
     if config.close.is_some() {
         bounds.hold(&config.input, "--close", [0.0, 1e36])?;
     }
     if kernel.no_self_intersections {
-        bounds.hold(&config.input, "--no-self-intersections", [0.0, 1e36])?;
+        hold("--no-self-intersections", [0.0, 1e36])?;
     }
     if kernel.bound.is_some() || matches!(config.target, Target::MaxError(_)) {
-        bounds.hold(&config.input, "--max-error", [0.0, 1e50])?;
+        hold("--max-error", [0.0, 1e50])?;
     }
     Ok(())
 }

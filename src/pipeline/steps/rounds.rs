@@ -114,6 +114,7 @@ impl SimplifyRun<'_> {
         packs.iter().try_for_each(|file| self.run.job.discard(&file.pack))?;
         self.rounds_done += 1;
         self.count(&left);
+        self.pass(&left);
         if self.config.job.until == Some(Until::Simplify) && self.rounds_done == 1 {
             return Ok(RunStep::End(Ended::Early));
         }
@@ -194,6 +195,7 @@ impl SimplifyRun<'_> {
             },
         )?;
         self.count(&result);
+        self.pass(&result);
         Ok(RunStep::Write { result, from: Some(left) })
     }
 
@@ -214,6 +216,10 @@ impl SimplifyRun<'_> {
     }
 
     fn discard(&self, packs: &[SurvivorFile]) -> Result<()> {
-        packs.iter().try_for_each(|file| self.run.job.discard(&file.pack))
+        // A map is composed of what all rounds have left.
+        match self.config.map {
+            Some(_) => Ok(()),
+            None => packs.iter().try_for_each(|file| self.run.job.discard(&file.pack)),
+        }
     }
 }

@@ -41,6 +41,7 @@ impl SimplifyRun<'_> {
         if self.config.job.until == Some(Until::Stitch) {
             return Ok(RunStep::End(Ended::Early));
         }
+        self.compose_map()?;
         let written = match self.config.texture {
             Texture::Bake => self.write_baked(&result)?,
             Texture::Auto | Texture::Keep => self.write_kept(&result)?,
@@ -89,7 +90,9 @@ impl SimplifyRun<'_> {
         let (written, ()) = self.as_write_stage(result.triangles, |_| {
             Ok((write::write(&pack, place, header, form, &run)?, ()))
         })?;
-        self.adopt_progressive()?;
+        let (progressive, map) = (self.config.progressive.as_ref(), self.config.map.as_ref());
+        self.adopt(stitch::PROGRESSIVE, progressive.map(|progressive| &progressive.path))?;
+        self.adopt(write::MAP, map)?;
         if self.level < self.config.coarser.len() {
             // The next level takes the pack away that this file came from.
             self.run.job.record(&written_key, &written)?;
@@ -135,11 +138,10 @@ impl SimplifyRun<'_> {
         Ok((written, made))
     }
 
-    /// Gives the progressive mesh its name, unless an earlier run that was cut off has.
-    fn adopt_progressive(&self) -> Result<()> {
-        let Some(progressive) = &self.config.progressive else { return Ok(()) };
-        let made = self.run.job.path(stitch::PROGRESSIVE);
-        let path = progressive.path.clone();
+    /// Gives a file beside the result its name, unless an earlier run that was cut off has.
+    fn adopt(&self, made: &str, path: Option<&PathBuf>) -> Result<()> {
+        let Some(path) = path.cloned() else { return Ok(()) };
+        let made = self.run.job.path(made);
         if !made.exists() && path.exists() {
             return Ok(());
         }

@@ -148,7 +148,8 @@ fn run(
         unchanged(&config.input, &marks, outcome)
     });
     let cut = cut.and_then(|cut: (Partition, GroupGrid)| {
-        cut.0.bounds.hold(&config.input, "'tiles'", [0.0, 1e100]).map(|()| cut)
+        let held = cut.0.bounds.hold("'tiles'", [0.0, 1e100]);
+        held.map(|()| cut).map_err(|what| Error::bad_input(&config.input, what))
     });
     let cut = cut.and_then(|cut: (Partition, GroupGrid)| match cut.0.store.triangles {
         0 => Err(Error::bad_input(

@@ -152,7 +152,7 @@ pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
     let mut stage = stage.within(config.memory_bytes);
     stage.threads = config.threads;
     let (how, exact_above) = (config.weld, config.tile_triangles);
-    stage.weld = Some(WeldOptions { how, exact_above, labels: Vec::new() });
+    stage.weld = Some(WeldOptions { how, exact_above, labels: Vec::new(), keeps_numbers: false });
     let source = MeshSource::open_staged(&config.input, &stage);
     let source = unchanged(&config.input, &marks, source)?;
     marks.extend(marks_beside(&source));

@@ -208,6 +208,7 @@ fn refuse(config: &Config) -> Result<()> {
         (config.texture == Texture::Bake, "--texture bake"),
         (config.bake.normals, "--bake-normals"),
         (config.progressive.is_some(), "--progressive"),
+        (config.map.is_some(), "--map"),
         (config.checks.seams.is_some(), "--seams"),
         (config.optimize.is_some(), "--optimize"),
         (config.pairs, "--pairs"),

@@ -143,6 +143,7 @@ pub fn tally(chunks: &[Chunk], layout: &VertexLayout, n_cells: u32) -> Result<Ve
             | ChunkKind::Index
             | ChunkKind::Found
             | ChunkKind::Samples
+            | ChunkKind::Origins
             | ChunkKind::Verdict => {}
         }
     }

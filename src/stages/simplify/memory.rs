@@ -41,6 +41,12 @@ pub fn work_bytes(rows: CellTally, tally: CellTally, left: f64, layout: &VertexL
     let kernel = kept + kernel_bytes(tally, layout);
     let taking_over = kept + plain_bytes(left, layout);
     load_bytes(rows, layout).max(kernel).max(taking_over).max(result_bytes(left, layout))
+        + if layout.has_origins { origin_bytes(layout) * tally.vertices } else { 0 }
+}
+
+/// Memory for the origin of a vertex, in bytes: followed by the kernel, then a row.
+fn origin_bytes(layout: &VertexLayout) -> u64 {
+    4 + 2 * layout.ids.bytes as u64
 }
 
 /// Memory in bytes for a result and its encoded form, side by side when it is written or read.

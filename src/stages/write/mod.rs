@@ -7,12 +7,14 @@
 
 mod faces;
 mod join;
+mod map;
 mod normals;
 mod numbering;
 
 use faces::BackToFaces;
 use join::Joined;
 pub use join::sort_memory_bytes;
+pub use map::{MAP, MAP_DISK_BYTES, MapCounts, write_map};
 use normals::Recomputed;
 pub use numbering::shared_bytes;
 use numbering::{encode, index_vertices, own_vertices};

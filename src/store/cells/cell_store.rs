@@ -85,6 +85,8 @@ pub struct VertexLayout {
     pub has_relief: bool,
     /// True if cells are kept from passing through themselves while they are simplified.
     pub is_watched: bool,
+    /// True if survivors are kept with the origins of their vertices.
+    pub has_origins: bool,
     /// Type and place in a record of a property that is not 0 where a vertex must stay.
     pub lock: Option<(Scalar, usize)>,
 }
@@ -100,6 +102,7 @@ impl VertexLayout {
             has_reach: false,
             has_relief: false,
             is_watched: false,
+            has_origins: false,
             lock: None,
         }
     }
@@ -424,6 +427,7 @@ impl CellStore {
                 | ChunkKind::Index
                 | ChunkKind::Found
                 | ChunkKind::Samples
+                | ChunkKind::Origins
                 | ChunkKind::Verdict => {}
             }
         }

@@ -10,6 +10,7 @@ mod group_record;
 mod id_map;
 mod kd_tree;
 mod lattice;
+mod origins;
 mod pack;
 mod pieces;
 mod scatter;

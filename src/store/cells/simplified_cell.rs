@@ -5,11 +5,12 @@
 
 use super::cell_store::{CellTally, VertexLayout};
 use super::group_record::GroupRecord;
+use super::origins;
 use super::pack::{Pack, PackWriter};
 use crate::cell_id::CellId;
 use crate::cells::cell_mesh::CellMesh;
 use crate::cells::cell_mesh::Dropped;
-use crate::pack_format::ChunkKind;
+use crate::pack_format::{Chunk, ChunkKind};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -75,6 +76,8 @@ pub struct Survivors {
     /// For each vertex of the cell as it was loaded the vertex that it went into, with `kernel::Options::follow`; not
     /// on disk.
     pub followed: Vec<u32>,
+    /// The origins of the vertices as rows on disk, if the layout has them; read back by `SurvivorPack::origins` alone.
+    pub origins: Vec<u8>,
 }
 
 /// The kernel's statistics as they are kept with a cell, or the sum of several.
@@ -175,7 +178,8 @@ impl Survivors {
         let is_flat = !mesh.has_area(layout.schema.rounding());
         let statistics =
             CellStatistics { reached: true, dropped, is_flat, ..CellStatistics::default() };
-        Survivors { ids, shared, records, mesh, statistics, followed: Vec::new() }
+        let origins = if layout.has_origins { origins::of_all(&ids, layout) } else { Vec::new() };
+        Survivors { ids, shared, records, mesh, statistics, followed: Vec::new(), origins }
     }
 
     /// Turns the kernel's result for `cell` into rows; positions go back into the records, in the input's type.
@@ -195,6 +199,7 @@ impl Survivors {
             records: Vec::with_capacity(simplified.source.len() * record_bytes),
             mesh: simplified.mesh,
             followed: simplified.followed,
+            origins: Vec::new(),
         };
         for (vertex, &source) in simplified.source.iter().enumerate() {
             let source = source as usize;
@@ -205,6 +210,10 @@ impl Survivors {
             out.records.extend_from_slice(&record[position_bytes..]);
         }
         out.statistics.is_flat = !out.mesh.has_area(layout.schema.rounding());
+        if layout.has_origins {
+            let followed = std::mem::take(&mut out.followed);
+            out.origins = origins::of((ids, records), &followed, &out.ids, layout);
+        }
         out
     }
 
@@ -279,7 +288,8 @@ impl Survivors {
         for row in original.chunks_exact(original_bytes.max(1)) {
             layout.read_original(row, &mut mesh);
         }
-        Some(Survivors { ids, shared, records, mesh, statistics, followed: Vec::new() })
+        let (followed, origins) = (Vec::new(), Vec::new());
+        Some(Survivors { ids, shared, records, mesh, statistics, followed, origins })
     }
 }
 
@@ -315,7 +325,8 @@ impl SurvivorWriter {
 
     /// The cells that are already in the pack.
     pub fn finished(&self) -> Vec<CellId> {
-        self.pack.chunks().iter().map(|chunk| chunk.cell).collect()
+        let whole = self.pack.chunks().iter().filter(|chunk| chunk.kind == ChunkKind::Survivors);
+        whole.map(|chunk| chunk.cell).collect()
     }
 
     /// Opens the cells that are already in the pack, of `n_cells`, for reading.
@@ -338,6 +349,10 @@ impl SurvivorWriter {
         survivors: &Survivors,
         encoded: &[u8],
     ) -> Result<()> {
+        // The last chunk of a cell is that of its survivors: only with it the cell is done.
+        if self.layout.has_origins {
+            self.pack.append(cell, ChunkKind::Origins, &survivors.origins)?;
+        }
         self.pack.append(cell, ChunkKind::Survivors, encoded)?;
         self.appended.insert(cell, (survivors.tally(), survivors.statistics.clone()));
         self.pack.flush()
@@ -457,12 +472,29 @@ impl SurvivorPack {
 
     /// Loads what is left of one cell.
     pub fn load(&self, cell: CellId) -> Result<Survivors> {
+        let (file, offset, payload) = self.read(cell, ChunkKind::Survivors)?;
+        Survivors::decode(&payload, &self.layout).ok_or_else(|| {
+            let what =
+                format!("byte {offset}: cell {cell} makes no sense; run again with --restart");
+            Error::corrupt(Path::new(&file.pack), what)
+        })
+    }
+
+    /// Loads the origins of one cell: each vertex that became one of its survivors, and that one.
+    pub fn origins(&self, cell: CellId) -> Result<Vec<[GlobalVertex; 2]>> {
+        let (_, _, payload) = self.read(cell, ChunkKind::Origins)?;
+        Ok(origins::read(&payload, &self.layout))
+    }
+
+    /// Reads the last chunk of a kind that a cell has; gives its file and place as well.
+    fn read(&self, cell: CellId, kind: ChunkKind) -> Result<(&SurvivorFile, u64, Vec<u8>)> {
         let at = self.info.packs.partition_point(|file| file.first_cell <= cell);
         let at = at
             .checked_sub(1)
             .ok_or_else(|| Error::corrupt("the survivors", format!("begin after cell {cell}")))?;
         let (file, pack) = (&self.info.packs[at], &self.packs[at]);
-        let chunk = pack.chunks_of(cell).last().ok_or_else(|| {
+        let of_kind = |chunk: &&Chunk| chunk.kind == kind;
+        let chunk = pack.chunks_of(cell).iter().rfind(of_kind).ok_or_else(|| {
             Error::corrupt(
                 Path::new(&file.pack),
                 format!("cell {cell} is missing; run again with --restart"),
@@ -470,12 +502,6 @@ impl SurvivorPack {
         })?;
         let mut payload = Vec::new();
         pack.read(chunk, &mut payload)?;
-        Survivors::decode(&payload, &self.layout).ok_or_else(|| {
-            let what = format!(
-                "byte {}: cell {cell} makes no sense; run again with --restart",
-                chunk.offset
-            );
-            Error::corrupt(Path::new(&file.pack), what)
-        })
+        Ok((file, chunk.offset, payload))
     }
 }

@@ -186,7 +186,12 @@ pub fn job_identity(
     marks.insert("faces".to_owned(), source.n_face_rows().to_string());
     let input = std::path::absolute(&*config.input).unwrap_or_else(|_| config.input.to_path_buf());
     let input = input.display().to_string();
-    Identity { input, input_marks: marks, settings: config.settings() }
+    let mut settings = config.settings();
+    if config.map.is_some() {
+        // Changes no byte of the result, but what the job keeps on the way.
+        settings.insert("map".to_owned(), "vertices".to_owned());
+    }
+    Identity { input, input_marks: marks, settings }
 }
 
 #[cfg(test)]

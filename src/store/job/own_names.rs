@@ -14,7 +14,7 @@ pub const SCRATCH_EXTENSION: &str = "stonecut-scratch";
 pub const TRIALS: &str = "trials";
 
 /// Extensions of the files that stages write into a job folder.
-const DATA_EXTENSIONS: [&str; 6] = ["cells", "survivors", "index", "part", "pm", "coloured"];
+const DATA_EXTENSIONS: [&str; 7] = ["cells", "survivors", "index", "part", "pm", "map", "coloured"];
 
 /// First words of their names.
 const STEMS: [&str; 10] = [
@@ -213,6 +213,7 @@ mod tests {
             "verdicts.cells",
             "bake-0-page-3.part",
             "result.pm",
+            "result.map",
         ] {
             assert!(is_data(name), "{name}");
             assert!(is_of_attempt(&format!("simplify-0017.host1-12-00ff00ff.{name}")), "{name}");

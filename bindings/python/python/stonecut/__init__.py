@@ -363,6 +363,7 @@ def simplify_file(
     transform: str | Iterable[float] | None = None,
     recentre: bool = False,
     progressive: PathLike | None = None,
+    map: PathLike | None = None,
     progressive_bits: int | None = None,
     seams: PathLike | None = None,
     no_self_intersections: bool = False,
@@ -407,6 +408,8 @@ def simplify_file(
         lock: vertices that stay bit for bit: ``"boundary"``, or the name of a property that is not 0 there.
         up, scale, translate, transform, recentre: place the input before everything else.
         progressive: write a progressive mesh too, for ``stonecut refine``.
+        map: write a map of vertices too (``.npy``), for :func:`transfer`: ``numpy.load`` gives the vertex of the result
+            that each vertex of the input became, or -1.
         verify: measure the result; ``report["measured"]``.
         report: write the report to this file, too.
         receipt: write a receipt for ``stonecut verify``, signed with the key of minisign in the file ``sign``.
@@ -452,7 +455,7 @@ def _file_words(given: Mapping[str, Any]) -> list[str]:
     rest.pop("progress", None)
     words = ["simplify", *paths("input", rest.pop("input")), path("output", rest.pop("output"))]
     words += target(rest.pop("triangles"), rest.pop("ratio"), rest.pop("max_error"), rest.pop("grid", None))
-    for name in ("temp_dir", "report", "receipt", "sign", "progressive", "seams"):
+    for name in ("temp_dir", "report", "receipt", "sign", "progressive", "map", "seams"):
         if rest.get(name) is not None:
             rest[name] = path(name, rest[name])
     for name in ("translate", "transform"):

@@ -1,0 +1,180 @@
+//! Maps of vertices lead where vertices went, through rounds, stops and joined copies; values are carried over by them.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use crate::common::meshes::{soup, torus};
+use crate::common::{expect, write_ply};
+use std::path::Path;
+use stonecut::io::npy::{self, NpyArray};
+use stonecut::io::ply::{BLOCK_ROWS, MeshSource, VertexBlock};
+use stonecut::mesh::Mesh;
+use stonecut::mesh::property::Scalar;
+use stonecut::mesh::vec3::{length_sq, sub};
+
+fn bumpy(n: usize) -> Mesh {
+    torus(n, n, |u, v| 0.4 + 0.02 * (5.0 * u).sin() * (7.0 * v).cos())
+}
+
+fn write(folder: &Path, mesh: &Mesh) {
+    write_ply(&folder.join("in.ply"), Scalar::F64, &mesh.positions, &mesh.triangles);
+}
+
+fn positions(path: &Path) -> Vec<[f64; 3]> {
+    let source = MeshSource::open(path).unwrap();
+    assert!(source.n_vertices() <= BLOCK_ROWS);
+    let mut block = VertexBlock::default();
+    source.read_vertices(0, &mut block).unwrap();
+    let rows = block.records.chunks_exact(source.schema().record_bytes());
+    rows.map(|row| source.schema().position(row)).collect()
+}
+
+fn column(array: &NpyArray, column: u64) -> Vec<f64> {
+    let mut out = Vec::new();
+    let each = |_, bits| {
+        out.push(array.element.value(bits));
+        Ok(())
+    };
+    array.each(column, each).unwrap();
+    out
+}
+
+/// To the result, and back.
+fn map(path: &Path) -> [Vec<f64>; 2] {
+    let there = NpyArray::open(path, 0).unwrap();
+    let back = NpyArray::open(path, there.end()).unwrap();
+    [column(&there, 0), column(&back, 0)]
+}
+
+fn bytes(folder: &Path, name: &str) -> Vec<u8> {
+    std::fs::read(folder.join(name)).unwrap()
+}
+
+/// Rounds, new cells between them, and a finish; again with other threads, in two parts, with more than fits into memory.
+#[test]
+fn every_vertex_leads_to_one_near_it_whatever_ran_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let mesh = bumpy(90);
+    write(folder, &mesh);
+    let options = "--ratio 40% --cell-triangles 1000 --threads 1";
+    expect(folder, &format!("simplify in.ply plain.ply {options}"), 0);
+    expect(folder, &format!("simplify in.ply out.ply {options} --map m.npy"), 0);
+    assert!(bytes(folder, "plain.ply") == bytes(folder, "out.ply"));
+    let [there, back] = map(&folder.join("m.npy"));
+    let result = positions(&folder.join("out.ply"));
+    assert_eq!((there.len(), back.len()), (mesh.positions.len(), result.len()));
+    let mut nearest = vec![f64::INFINITY; result.len()];
+    for (from, &to) in mesh.positions.iter().zip(&there) {
+        // Nothing of a torus vanishes.
+        let away = length_sq(sub(*from, result[to as usize])).sqrt();
+        assert!(away < 0.25, "{away}");
+        nearest[to as usize] = nearest[to as usize].min(away);
+    }
+    for ((&from, place), nearest) in back.iter().zip(&result).zip(&nearest) {
+        let away = length_sq(sub(mesh.positions[from as usize], *place)).sqrt();
+        assert_eq!(away, *nearest);
+    }
+    let options = "--ratio 40% --cell-triangles 1000 --threads 3 --memory 300MiB --map again.npy";
+    expect(folder, &format!("simplify in.ply again.ply {options} --until simplify"), 0);
+    let without = "--ratio 40% --cell-triangles 1000";
+    let said = expect(folder, &format!("simplify in.ply again.ply {without}"), 8);
+    assert!(said.contains("map"), "{said}");
+    expect(folder, &format!("simplify in.ply again.ply {options}"), 0);
+    assert!(bytes(folder, "m.npy") == bytes(folder, "again.npy"));
+}
+
+#[test]
+fn vertices_that_stay_lead_to_themselves() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let mesh = bumpy(40);
+    write(folder, &mesh);
+    let options = "--ratio 20% --cell-triangles 1000 --placement subset --map m.npy";
+    expect(folder, &format!("simplify in.ply out.ply {options}"), 0);
+    let [there, back] = map(&folder.join("m.npy"));
+    for (number, place) in positions(&folder.join("out.ply")).iter().enumerate() {
+        let from = back[number] as usize;
+        assert_eq!((mesh.positions[from], there[from] as usize), (*place, number));
+    }
+}
+
+/// A triangle a corner of its own, and one that has no area: its vertices became none.
+#[test]
+fn copies_become_what_one_of_them_did() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let whole = bumpy(40);
+    let corners = whole.triangles.iter().map(|t| t.map(|v| whole.positions[v as usize]));
+    let mut mesh = soup(&corners.collect::<Vec<_>>());
+    let n = mesh.positions.len();
+    mesh.positions.push([9.0; 3]);
+    // In one finish the kernel joins copies, through cells they are joined before.
+    for cells in [1000, 100_000] {
+        write(folder, &mesh);
+        let options = format!("--ratio 20% --cell-triangles {cells} --map m.npy --force");
+        expect(folder, &format!("simplify in.ply out.ply {options}"), 0);
+        let [there, back] = map(&folder.join("m.npy"));
+        let result = positions(&folder.join("out.ply"));
+        assert_eq!((there.len(), back.len(), there[n]), (n + 1, result.len(), -1.0));
+        let mut seen = std::collections::HashMap::new();
+        for (from, &to) in mesh.positions.iter().zip(&there).take(n) {
+            let away = length_sq(sub(*from, result[to as usize])).sqrt();
+            assert!(away < 0.6, "{away}");
+            let first = *seen.entry(from.map(f64::to_bits)).or_insert(to);
+            assert_eq!(first, to, "{cells}");
+        }
+        assert!(back.iter().all(|&from| from >= 0.0));
+    }
+}
+
+#[test]
+fn values_go_to_the_result_and_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let array = |name: &str, kind: &str, shape: &[u64], rows: &[Vec<u8>]| {
+        let bytes = [npy::header(kind, shape), rows.concat()].concat();
+        std::fs::write(folder.join(name), bytes).unwrap();
+    };
+    let numbers = |list: &[i64]| list.iter().map(|n| n.to_le_bytes().to_vec()).collect::<Vec<_>>();
+    array("there", "<i8", &[6], &numbers(&[2, 0, 0, -1, 2, 2]));
+    array("back", "<i8", &[3], &numbers(&[1, 3, 4]));
+    std::fs::write(folder.join("m.npy"), [bytes(folder, "there"), bytes(folder, "back")].concat())
+        .unwrap();
+    let floats = [[1.0f32, 10.0], [2.0, 20.0], [4.0, 40.0], [9.0, 9.0], [2.0, 30.0], [6.0, 50.0]];
+    let rows: Vec<Vec<u8>> = floats.iter().map(|r| r.map(f32::to_le_bytes).concat()).collect();
+    array("f.npy", "<f4", &[6, 2], &rows);
+    array("labels.npy", "|u1", &[6], &[vec![7, 3, 5, 9, 8, 8]]);
+    expect(folder, "transfer m.npy f.npy -o means.npy", 0);
+    let means = NpyArray::open(&folder.join("means.npy"), 0).unwrap();
+    assert_eq!((means.element.name(), means.shape), ("<f4".to_owned(), [3, 2]));
+    let [x, y] = [0, 1].map(|k| column(&means, k));
+    assert_eq!((x, y), (vec![3.0, 9.0, 3.0], vec![30.0, 9.0, 30.0]));
+    let get = |name: &str| column(&NpyArray::open(&folder.join(name), 0).unwrap(), 0);
+    expect(folder, "transfer m.npy labels.npy -o most.npy", 0);
+    assert_eq!(get("most.npy"), [3.0, 9.0, 8.0]);
+    expect(folder, "transfer m.npy labels.npy -o mean.npy --by mean", 0);
+    assert_eq!(get("mean.npy"), [4.0, 9.0, 8.0]);
+    let said = expect(folder, "transfer m.npy most.npy -o spread.npy --to input", 0);
+    assert!(said.contains("6 rows, 1 of them without"), "{said}");
+    assert_eq!(get("spread.npy"), [8.0, 3.0, 3.0, 0.0, 8.0, 8.0]);
+    let said = expect(folder, "transfer m.npy most.npy -o no.npy", 2);
+    assert!(said.contains("3 rows, and the input of the map 6"), "{said}");
+    assert!(expect(folder, "transfer f.npy f.npy -o no.npy", 4).contains("not a map"));
+}
+
+#[test]
+fn what_a_map_does_not_go_with_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write(folder, &bumpy(10));
+    for (options, word) in [
+        ("out.ply --ratio 50% --max-error 1", "--max-error"),
+        ("out.ply --ratio 50% --optimize 2", "--map"),
+        ("out.ply --grid 1 --method cluster", "--map"),
+        ("out.ply --ratio 50% --progressive out.pm", "--progressive"),
+        ("out.glb --ratio 50%", "PLY and OBJ"),
+    ] {
+        let said = expect(folder, &format!("simplify in.ply {options} --map m.npy"), 2);
+        assert!(said.contains(word), "{options}: {said}");
+    }
+}
