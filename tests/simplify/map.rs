@@ -63,13 +63,16 @@ fn every_vertex_leads_to_one_near_it_whatever_ran_at_once() {
     let [there, back] = map(&folder.join("m.npy"));
     let result = positions(&folder.join("out.ply"));
     assert_eq!((there.len(), back.len()), (mesh.positions.len(), result.len()));
-    let mut nearest = vec![f64::INFINITY; result.len()];
+    let (mut nearest, mut sum) = (vec![f64::INFINITY; result.len()], 0.0);
     for (from, &to) in mesh.positions.iter().zip(&there) {
         // Nothing of a torus vanishes.
         let away = length_sq(sub(*from, result[to as usize])).sqrt();
-        assert!(away < 0.25, "{away}");
+        // Three edges of the result; on the mean a third of one.
+        assert!(away < 0.5, "{away}");
+        sum += away;
         nearest[to as usize] = nearest[to as usize].min(away);
     }
+    assert!(sum / (there.len() as f64) < 0.05, "{sum}");
     for ((&from, place), nearest) in back.iter().zip(&result).zip(&nearest) {
         let away = length_sq(sub(mesh.positions[from as usize], *place)).sqrt();
         assert_eq!(away, *nearest);
@@ -119,7 +122,7 @@ fn copies_become_what_one_of_them_did() {
         let mut seen = std::collections::HashMap::new();
         for (from, &to) in mesh.positions.iter().zip(&there).take(n) {
             let away = length_sq(sub(*from, result[to as usize])).sqrt();
-            assert!(away < 0.6, "{away}");
+            assert!(away < 1.0, "{away}");
             let first = *seen.entry(from.map(f64::to_bits)).or_insert(to);
             assert_eq!(first, to, "{cells}");
         }
