@@ -39,7 +39,7 @@ pub enum Merge {
     Majority,
 }
 
-/// What is carried, and how.
+/// Files and options of a transfer.
 #[derive(Clone, Debug)]
 pub struct Transfer {
     /// A map of `simplify --map`.
@@ -93,8 +93,15 @@ pub fn transfer(transfer: &Transfer, place: Place, progress: &Progress) -> Resul
     }
     let is_float = values.element.kind == 'f';
     let merge = transfer.merge.unwrap_or(if is_float { Merge::Mean } else { Merge::Majority });
-    let columns =
-        Columns { transfer, map: &map, back: &back, values: &values, merge, progress, n_rows };
+    let columns = TransferredColumns {
+        transfer,
+        map: &map,
+        back: &back,
+        values: &values,
+        merge,
+        progress,
+        n_rows,
+    };
     let n_columns = values.shape[1];
     progress.begin("transfer", 1, 1, n_columns * (n_input + n_rows));
     let mut done = Transferred { rows: n_rows, columns: n_columns, unknown: 0 };
@@ -134,7 +141,7 @@ fn not_a_map(path: &Path) -> Error {
 }
 
 /// One column after the other.
-struct Columns<'a> {
+struct TransferredColumns<'a> {
     transfer: &'a Transfer,
     map: &'a NpyArray,
     back: &'a NpyArray,
@@ -144,7 +151,7 @@ struct Columns<'a> {
     n_rows: u64,
 }
 
-impl Columns<'_> {
+impl TransferredColumns<'_> {
     fn sort(&self) -> ExternalSort<4> {
         let bytes = (self.transfer.memory_bytes / SORT_SHARE).clamp(1 << 20, MOST_SORT_BYTES);
         ExternalSort::new(&self.transfer.temp_dir, bytes as usize)
@@ -212,7 +219,7 @@ impl Columns<'_> {
                 next = row + 1;
                 bits.map_or(Ok(()), |bits| put(row, bits))
             };
-            let (mut group, mut target) = (Group::default(), None);
+            let (mut group, mut target) = (ValueGroup::default(), None);
             by_target.drain(|[a, b, c, d]| {
                 let row = whole(a, b);
                 if let Some(done) = target.replace(row).filter(|done| *done != row) {
@@ -245,7 +252,7 @@ impl Columns<'_> {
 
 /// The values of one vertex, in the order of their bits.
 #[derive(Default)]
-struct Group {
+struct ValueGroup {
     sum: f64,
     n: u64,
     /// Bits of the last value and how often it came; the most frequent one before.
@@ -253,7 +260,7 @@ struct Group {
     most: (u64, u64),
 }
 
-impl Group {
+impl ValueGroup {
     fn add(&mut self, bits: u64, element: NpyType) {
         self.sum += element.value(bits);
         self.n += 1;
@@ -268,7 +275,7 @@ impl Group {
 
     /// The value of all, and an empty group again.
     fn take(&mut self, merge: Merge, element: NpyType) -> u64 {
-        let Group { sum, n, most, .. } = std::mem::take(self);
+        let ValueGroup { sum, n, most, .. } = std::mem::take(self);
         match merge {
             Merge::Mean => element.bits(sum / n as f64),
             Merge::Majority => most.0,

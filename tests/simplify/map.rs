@@ -5,11 +5,14 @@
 use crate::common::meshes::{soup, torus};
 use crate::common::{expect, write_ply};
 use std::path::Path;
+use stonecut::config::{Config, Target};
 use stonecut::io::npy::{self, NpyArray};
 use stonecut::io::ply::{BLOCK_ROWS, MeshSource, VertexBlock};
 use stonecut::mesh::Mesh;
 use stonecut::mesh::property::Scalar;
 use stonecut::mesh::vec3::{length_sq, sub};
+use stonecut::pipeline::in_memory::{Input, simplify};
+use stonecut::system::progress::Progress;
 
 fn bumpy(n: usize) -> Mesh {
     torus(n, n, |u, v| 0.4 + 0.02 * (5.0 * u).sin() * (7.0 * v).cos())
@@ -84,6 +87,34 @@ fn every_vertex_leads_to_one_near_it_whatever_ran_at_once() {
     assert!(said.contains("map"), "{said}");
     expect(folder, &format!("simplify in.ply again.ply {options}"), 0);
     assert!(bytes(folder, "m.npy") == bytes(folder, "again.npy"));
+}
+
+/// The same for arrays, in one call of the kernel and through cells in memory.
+#[test]
+fn rows_of_arrays_lead_where_their_vertices_went() {
+    let Mesh { positions, triangles, .. } = bumpy(60);
+    for cell_triangles in [100_000, 500] {
+        let config = Config {
+            cell_triangles,
+            map: Some("of arrays".into()),
+            ..Config::new("in", "out.ply", Target::Ratio(0.2))
+        };
+        let input = Input {
+            positions: positions.clone(),
+            triangles: triangles.clone(),
+            ..Input::default()
+        };
+        let made = simplify(input, &config, &Progress::default()).unwrap();
+        assert_eq!(made.map.len(), positions.len());
+        let away = |(from, &to): (&[f64; 3], &u32)| {
+            length_sq(sub(*from, made.positions[to as usize])).sqrt()
+        };
+        let sum: f64 = positions.iter().zip(&made.map).map(away).sum();
+        assert!(sum / (positions.len() as f64) < 0.1, "{sum}");
+        for (number, &source) in made.source.iter().enumerate() {
+            assert_eq!(made.map[source as usize] as usize, number);
+        }
+    }
 }
 
 #[test]

@@ -51,10 +51,11 @@ pub struct GivenColumn<'py> {
     stride: usize,
 }
 
-/// The result of `simplify_arrays`: points, faces as uint32, source, records as bytes, the report as JSON.
+/// The result of `simplify_arrays`: points, faces as uint32, source, map, records as bytes, the report as JSON.
 type Simplified<'py> = (
     Bound<'py, PyAny>,
     Bound<'py, PyArray2<u32>>,
+    Bound<'py, PyArray1<u32>>,
     Bound<'py, PyArray1<u32>>,
     Bound<'py, PyArray1<u8>>,
     String,
@@ -105,8 +106,8 @@ pub fn simplify_arrays<'py>(
     let faces = PyArray1::from_vec(py, done.triangles.into_flattened()).reshape([m, 3])?;
     let report = serde_json::to_string(&done.report)
         .map_err(|e| mismatch(&format!("the report cannot be written as JSON: {e}")))?;
-    let source = PyArray1::from_vec(py, done.source);
-    Ok((points, faces, source, PyArray1::from_vec(py, done.records), report))
+    let [source, map] = [done.source, done.map].map(|list| PyArray1::from_vec(py, list));
+    Ok((points, faces, source, map, PyArray1::from_vec(py, done.records), report))
 }
 
 /// Copies the arrays of some columns, each once, with the place of each column's among them: what is borrowed could be

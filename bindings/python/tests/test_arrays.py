@@ -308,6 +308,19 @@ def test_cells_in_memory_are_as_good_and_do_not_depend_on_threads() -> None:
     assert error[1] < 1.1 * error[0]
 
 
+def test_a_map_leads_every_point_to_one_near_it() -> None:
+    points, faces = sphere(60)
+    several: list[dict[str, Any]] = [{}, {"cell_triangles": 4_000}]
+    for options in several:
+        small = sc.simplify_arrays(points, faces, ratio=0.2, map=True, **options)
+        assert small.map is not None and small.map.shape == (len(points),) and small.map.min() >= 0
+        assert np.linalg.norm(points - small.points[small.map], axis=1).max() < 0.5
+        assert np.array_equal(small.map[small.source], np.arange(len(small.points)))
+    assert sc.simplify_arrays(points, faces, ratio=0.2).map is None
+    with pytest.raises(sc.UsageError, match="merge"):
+        sc.simplify_arrays(points, faces, ratio=0.2, map=True, merge_distance=0.1)
+
+
 @pytest.mark.parametrize("n", [2**31 + 1, 2**32])
 def test_more_points_than_an_index_holds_are_refused_on_paper(n: int) -> None:
     # Rows of no length: points without their memory, which must be refused before they are copied.

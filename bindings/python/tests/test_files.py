@@ -39,11 +39,24 @@ def test_simplify_file_gives_the_report_of_the_command(scan: Path) -> None:
     assert limited["target_met"]
 
 
+def test_values_are_carried_over_by_a_map(scan: Path) -> None:
+    at = scan.parent
+    sc.simplify_file(scan, at / "mapped.ply", ratio=0.2, map=at / "map.npy")
+    with open(at / "map.npy", "rb") as file:
+        to_result, to_input = np.load(file), np.load(file)
+    np.save(at / "values.npy", np.arange(len(to_result), dtype=np.float32))
+    done = sc.transfer(at / "map.npy", at / "values.npy", at / "carried.npy")
+    carried = np.load(at / "carried.npy")
+    assert done["rows"] == len(to_input) == len(carried) and carried.dtype == np.float32
+    became = to_result == 7
+    assert became.any() and carried[7] == pytest.approx(np.flatnonzero(became).mean(), rel=1e-5)
+
+
 # Of the command line, and not of a module: how it talks, and what is a function here (`plan`) or always so (JSON).
 _OF_THE_COMMAND_LINE = {"help", "quiet", "verbose", "log_file", "json", "dry_run", "output"}
 
 
-@pytest.mark.parametrize("name", ["simplify", "measure", "render", "info", "convert", "synth", "tiles", "extract"])
+@pytest.mark.parametrize("name", ["simplify", "measure", "render", "info", "convert", "synth", "tiles", "extract", "transfer"])
 def test_every_option_of_the_command_is_a_keyword_of_the_same_name(name: str) -> None:
     asked = subprocess.run([sys.executable, "-m", "stonecut", name, "--help"], capture_output=True, text=True, check=True)
     options = re.findall(r"^ {2,6}(?:-\w, )?--([a-z][a-z-]*)", asked.stdout, re.MULTILINE)

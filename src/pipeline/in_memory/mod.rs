@@ -8,6 +8,7 @@
 pub mod attributes;
 mod cells;
 pub mod given;
+mod map;
 mod regions;
 mod rounds;
 mod weld;
@@ -29,6 +30,8 @@ use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
 use attributes::Attributes;
 use cells::CutMesh;
+pub use map::GONE;
+use map::RowMap;
 use regions::FaceRegions;
 use rounds::Means;
 use serde::Serialize;
@@ -62,6 +65,8 @@ pub struct Output {
     pub records: Vec<u8>,
     /// Labels of the triangles; none, or one for each.
     pub labels: Vec<u32>,
+    /// For each vertex of the input the vertex that it became, or `GONE`; empty unless `config.map` asks for it.
+    pub map: Vec<u32>,
     /// Report of the run.
     pub report: Report,
 }
@@ -127,13 +132,22 @@ pub fn simplify(input: Input, config: &Config, progress: &Progress) -> Result<Ou
     let Input { positions, triangles, mut attributes, labels } = input;
     attributes.find_patches(&triangles);
     let n_vertices = positions.len() as u64;
+    let given = config.map.is_some().then(|| positions.clone());
     let mut welded = weld(positions, triangles, config)?;
+    let rows = given.map(|given| RowMap::new(given, &welded));
+    if rows.is_some()
+        && (!labels.is_empty() || attributes.channel_kinds().contains(&ChannelKind::Texture))
+    {
+        let what = "--map: labels of faces and texture coordinates split vertices; leave them out";
+        return Err(Error::Usage(what.to_owned()));
+    }
     let joined_vertices = n_vertices - welded.positions.len() as u64;
     if !labels.is_empty() {
         attributes.set_regions(FaceRegions::part(&mut welded, &labels, n_vertices as usize)?);
     }
-    let Welded { positions, triangles, ids } = welded;
+    let Welded { positions, triangles, ids, .. } = welded;
     let mut run = MemoryRun::new(&positions, &triangles, &attributes, config, progress)?;
+    run.map = rows;
     run.report.input.vertices = n_vertices;
     run.report.input.joined_vertices = joined_vertices;
     let mut mesh = Mesh::new(positions, triangles);
@@ -153,10 +167,18 @@ pub fn simplify(input: Input, config: &Config, progress: &Progress) -> Result<Ou
         return Err(Error::Empty { path: "faces".into(), what });
     }
     let records = attributes.encode(&whole.mesh, &whole.ids);
+    let map = run.map.take().map_or(Vec::new(), |rows| rows.ended(&whole.ids));
     let report = run.report(&whole.mesh);
     let Mesh { positions, triangles, .. } = whole.mesh;
-    let mut output =
-        Output { positions, triangles, source: whole.ids, records, report, labels: Vec::new() };
+    let mut output = Output {
+        positions,
+        triangles,
+        source: whole.ids,
+        records,
+        report,
+        map,
+        labels: Vec::new(),
+    };
     if let Some(regions) = attributes.regions() {
         join(&mut output, regions, &attributes);
     }
@@ -184,6 +206,8 @@ struct MemoryRun<'a> {
     options: Options,
     means: Means<'a>,
     quality: QualityCurve,
+    /// If a map is asked for.
+    map: Option<RowMap>,
     report: Report,
 }
 
@@ -226,6 +250,7 @@ impl<'a> MemoryRun<'a> {
             close: config
                 .close
                 .map_or(0.0, |size| size.length(Bounds::around(positions).diagonal())),
+            follow: config.map.is_some(),
             ..kernel.clone()
         };
         let counts = Counts { vertices: n_vertices, triangles: n_triangles, ..Counts::default() };
@@ -238,7 +263,8 @@ impl<'a> MemoryRun<'a> {
         };
         let memory_bytes = room(n_vertices, n_triangles, attributes.channel_kinds().len(), config)?;
         let means = Means { threads: config.threads.get(), memory_bytes, progress };
-        Ok(MemoryRun { config, options, means, quality: QualityCurve::default(), report })
+        let quality = QualityCurve::default();
+        Ok(MemoryRun { config, options, means, quality, map: None, report })
     }
 
     fn drop_degenerate(&mut self, mesh: &mut Mesh) {
@@ -302,6 +328,9 @@ impl<'a> MemoryRun<'a> {
             self.count(&cell.simplified.statistics);
             end.add(&cell.simplified.statistics.quality.unwrap_or_default());
         }
+        if let Some(map) = &mut self.map {
+            map.follow(&left);
+        }
         drop(whole);
         let joined = WholeMesh::join(left);
         self.quality.add_round(&[], end, joined.mesh.triangles.len() as u64);
@@ -334,6 +363,9 @@ impl<'a> MemoryRun<'a> {
             return Err(Error::Interrupted { signal: 2 });
         }
         progress.add(now);
+        if let Some(map) = &mut self.map {
+            map.follow([&left]);
+        }
         let Left { ids, simplified } = left;
         let statistics = &simplified.statistics;
         self.count(statistics);

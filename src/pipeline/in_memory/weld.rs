@@ -5,6 +5,7 @@
 
 use crate::config::Config;
 use crate::error::Result;
+use crate::io::ply::raw::RawFile;
 use crate::io::ply::{BLOCK_ROWS, FaceBlock, MeshSource, ReadOptions, VertexBlock};
 use crate::io::{StageOptions, Weld, WeldOptions, weld_vertices};
 
@@ -14,6 +15,8 @@ pub(super) struct Welded {
     pub(super) triangles: Vec<[u32; 3]>,
     /// Row of each vertex in the arrays.
     pub(super) ids: Vec<u32>,
+    /// Vertex that each row of the arrays became, if any were joined and `config` asks for a map.
+    pub(super) numbers: Option<Vec<u32>>,
 }
 
 /// Joins copies as `config` says; `auto` looks only where triangles hardly have a vertex in common.
@@ -32,7 +35,7 @@ pub(super) fn weld(
     };
     if !is_asked {
         let ids = (0..positions.len() as u32).collect();
-        return Ok(Welded { positions, triangles, ids });
+        return Ok(Welded { positions, triangles, ids, numbers: None });
     }
     let (n_vertices, n_triangles) = (positions.len(), triangles.len());
     let mut bytes = format!(
@@ -52,15 +55,24 @@ pub(super) fn weld(
     let source = MeshSource::from_bytes("arrays", bytes, ReadOptions::default())?;
     let mut stage = StageOptions::new(std::env::temp_dir()).within(config.memory_bytes);
     let labels = Vec::new();
-    stage.weld =
-        Some(WeldOptions { how: config.weld, exact_above: 0, labels, keeps_numbers: false });
+    stage.weld = Some(WeldOptions {
+        how: config.weld,
+        exact_above: 0,
+        labels,
+        keeps_numbers: config.map.is_some(),
+    });
     let source = weld_vertices(source, &stage)?;
     if source.weld().is_none_or(|weld| weld.joined == 0) {
         let ids = (0..positions.len() as u32).collect();
-        return Ok(Welded { positions, triangles, ids });
+        return Ok(Welded { positions, triangles, ids, numbers: None });
     }
     drop((positions, triangles));
-    let mut welded = Welded { positions: Vec::new(), triangles: Vec::new(), ids: Vec::new() };
+    let mut welded = Welded {
+        positions: Vec::new(),
+        triangles: Vec::new(),
+        ids: Vec::new(),
+        numbers: source.joined_numbers().map(joined_numbers).transpose()?,
+    };
     let (mut vertices, mut faces) = (VertexBlock::default(), FaceBlock::default());
     let schema = source.schema();
     for index in 0..source.n_vertex_blocks() {
@@ -77,4 +89,10 @@ pub(super) fn weld(
         welded.triangles.extend(faces.triangles.iter().map(|t| t.map(|v| v as u32)));
     }
     Ok(welded)
+}
+
+fn joined_numbers(file: &RawFile) -> Result<Vec<u32>> {
+    let mut numbers = vec![[0; 4]; (file.len() / 4) as usize];
+    file.read_exact_at(numbers.as_flattened_mut(), 0)?;
+    Ok(numbers.into_iter().map(u32::from_le_bytes).collect())
 }

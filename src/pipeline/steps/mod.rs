@@ -125,7 +125,7 @@ pub(super) struct SimplifyRun<'a> {
     charts_vanished: u64,
     /// Faces and vertices that the first loading of cells dropped.
     dropped: Option<Dropped>,
-    /// What rounds and the finish have left, if a map is asked for.
+    /// Survivors of all rounds and the finish, if a map is asked for.
     passed: Vec<SurvivorInfo>,
     /// Estimates from the probes of each round and of the finish.
     quality: QualityCurve,

@@ -33,7 +33,7 @@ const NEAREST_BYTES: u64 = 40 + 40;
 /// Most bytes on disk for each vertex of the input: two sorts, a table and the map.
 pub const MAP_DISK_BYTES: u64 = 56;
 
-/// Where a vertex became none, or none became it.
+/// Stands for no vertex.
 const NONE: i64 = -1;
 
 /// Counts of a map.
@@ -60,7 +60,7 @@ pub fn write_map(
     place: Place,
     run: &StageContext,
 ) -> Result<MapCounts> {
-    let tables = Tables { run };
+    let tables = MapTables { run };
     let (mut known, positions) = tables.numbers(packs)?;
     for pack in packs.iter().rev() {
         let mut by_target = tables.sort();
@@ -102,7 +102,7 @@ pub fn write_map(
     file.write(&npy::header("<i8", &[n_result]))?;
     let window = (run.memory_bytes / 4 / NEAREST_BYTES).max(1 << 16);
     for start in (0..n_result).step_by(window as usize) {
-        let mut nearest = Nearest::new(&positions, start..n_result.min(start + window))?;
+        let mut nearest = NearestOrigins::new(&positions, start..n_result.min(start + window))?;
         nearest.look(&joined, None, source, run)?;
         if let Some(result) = packs.last().filter(|_| nearest.n_new() > 0) {
             counts.new += nearest.n_new();
@@ -127,11 +127,11 @@ fn push(sort: &mut ExternalSort<4>, by: u64, value: u64) -> Result<()> {
 }
 
 /// Makes tables: rows of an id and a number of the result, sorted by id.
-struct Tables<'a> {
+struct MapTables<'a> {
     run: &'a StageContext<'a>,
 }
 
-impl Tables<'_> {
+impl MapTables<'_> {
     fn sort(&self) -> ExternalSort<4> {
         let sort = ExternalSort::new(self.run.job.folder(), sort_memory_bytes(self.run));
         sort.counted(self.run.disk())
@@ -174,7 +174,11 @@ impl Tables<'_> {
     }
 
     /// The neighbours of vertices that none became, each with those of these that it is a neighbour of.
-    fn around(&self, result: &SurvivorPack, nearest: &Nearest) -> Result<HashMap<u64, Vec<u64>>> {
+    fn around(
+        &self,
+        result: &SurvivorPack,
+        nearest: &NearestOrigins,
+    ) -> Result<HashMap<u64, Vec<u64>>> {
         let (uses, mut next) = (index_vertices(result)?, 0);
         let mut around: HashMap<u64, Vec<u64>> = HashMap::new();
         for cell in CellId::first(result.info().cells.len()) {
@@ -203,7 +207,7 @@ impl Tables<'_> {
 
     /// The table one step farther back: `by_target` has vertices by what became of them, and `known` the numbers of these.
     fn behind(&self, known: &RawFile, by_target: ExternalSort<4>) -> Result<RawFile> {
-        let (mut by_id, mut rows) = (self.sort(), Rows::new(known));
+        let (mut by_id, mut rows) = (self.sort(), TableRows::new(known));
         by_target.drain(|[t0, t1, f0, f1]| {
             let target = whole(t0, t1);
             while rows.peek()?.is_some_and(|[id, _]| id < target) {
@@ -219,7 +223,7 @@ impl Tables<'_> {
 }
 
 /// Rows of a table, one after the other.
-struct Rows<'a> {
+struct TableRows<'a> {
     file: &'a RawFile,
     buffer: Vec<[[u8; 8]; 2]>,
     /// The first row in the buffer, and the one at hand.
@@ -227,9 +231,9 @@ struct Rows<'a> {
     next: u64,
 }
 
-impl<'a> Rows<'a> {
-    fn new(file: &'a RawFile) -> Rows<'a> {
-        Rows { file, buffer: Vec::new(), first: 0, next: 0 }
+impl<'a> TableRows<'a> {
+    fn new(file: &'a RawFile) -> TableRows<'a> {
+        TableRows { file, buffer: Vec::new(), first: 0, next: 0 }
     }
 
     /// The row at hand.
@@ -248,7 +252,7 @@ impl<'a> Rows<'a> {
 
 /// Calls `each` with all rows of a table.
 fn each_row(table: &RawFile, mut each: impl FnMut(u64, u64) -> Result<()>) -> Result<()> {
-    let mut rows = Rows::new(table);
+    let mut rows = TableRows::new(table);
     while let Some([id, number]) = rows.peek()? {
         rows.next += 1;
         each(id, number)?;
@@ -271,14 +275,14 @@ fn each_number(numbers: &RawFile, mut each: impl FnMut(u64, u64) -> Result<()>) 
 }
 
 /// Some vertices of the result, each with the nearest of those that became it.
-struct Nearest {
+struct NearestOrigins {
     start: u64,
     /// Place, squared distance of the nearest, and its number in the input.
     rows: Vec<(Vec3, f64, i64)>,
 }
 
-impl Nearest {
-    fn new(positions: &RawFile, range: std::ops::Range<u64>) -> Result<Nearest> {
+impl NearestOrigins {
+    fn new(positions: &RawFile, range: std::ops::Range<u64>) -> Result<NearestOrigins> {
         let (mut rows, mut buffer) = (Vec::new(), vec![[[0; 8]; 3]; ROWS_AT_ONCE]);
         rows.reserve_exact((range.end - range.start) as usize);
         for start in range.clone().step_by(ROWS_AT_ONCE) {
@@ -287,7 +291,7 @@ impl Nearest {
             let place = |at: &[[u8; 8]; 3]| (at.map(f64::from_le_bytes), f64::INFINITY, NONE);
             rows.extend(places.iter().map(place));
         }
-        Ok(Nearest { start: range.start, rows })
+        Ok(NearestOrigins { start: range.start, rows })
     }
 
     fn row(&mut self, number: u64) -> Option<&mut (Vec3, f64, i64)> {

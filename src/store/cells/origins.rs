@@ -5,48 +5,55 @@
 
 use super::cell_store::VertexLayout;
 use std::collections::HashMap;
+use std::hash::Hash;
 use stonecut_mesh::global_vertex::GlobalVertex;
 
 /// Number of a vertex that became none.
 const GONE: u32 = u32::MAX;
 
-/// The rows of a cell of which all stays.
+/// The rows of a cell of which all stays, if the layout has any.
 pub(super) fn of_all(ids: &[GlobalVertex], layout: &VertexLayout) -> Vec<u8> {
-    let mut rows = Vec::with_capacity(2 * layout.ids.bytes * ids.len());
-    for &id in ids {
+    let mut rows = Vec::new();
+    for &id in ids.iter().filter(|_| layout.has_origins) {
         layout.ids.push(id, &mut rows);
         layout.ids.push(id, &mut rows);
     }
     rows
 }
 
-/// The rows of a cell of vertices `ids` with these `records`, `followed` to those that are `left`.
-///
-/// Copies in one place are joined before the kernel follows anything: where only one of them was followed, the others became
-/// the same.
-pub(super) fn of(
-    (ids, records): (&[GlobalVertex], &[u8]),
-    followed: &[u32],
-    left: &[GlobalVertex],
-    layout: &VertexLayout,
-) -> Vec<u8> {
-    let place = |v: usize| {
-        let start = v * layout.schema.record_bytes();
-        &records[start..start + layout.schema.position_bytes()]
-    };
-    let mut lost: HashMap<&[u8], u32> = HashMap::new();
-    for (v, _) in followed.iter().enumerate().filter(|(_, to)| **to == GONE) {
-        lost.insert(place(v), GONE);
+/// Leads vertices that became none to what another one in the same `place` became: copies are joined before the kernel follows
+/// anything, and only one of them is followed.
+pub fn lead_copies<P: Eq + Hash>(followed: &mut [u32], place: impl Fn(usize) -> P) {
+    let lost: Vec<usize> = (0..followed.len()).filter(|&v| followed[v] == GONE).collect();
+    let mut found: HashMap<P, u32> = lost.iter().map(|&v| (place(v), GONE)).collect();
+    if found.is_empty() {
+        return;
     }
-    let searched = if lost.is_empty() { &[][..] } else { followed };
-    for (v, &to) in searched.iter().enumerate() {
-        if let Some(known) = lost.get_mut(place(v)).filter(|known| **known == GONE) {
+    for (v, &to) in followed.iter().enumerate() {
+        if let Some(known) = found.get_mut(&place(v)).filter(|known| **known == GONE) {
             *known = to;
         }
     }
+    for v in lost {
+        followed[v] = found.get(&place(v)).copied().unwrap_or(GONE);
+    }
+}
+
+/// The rows of a cell of vertices `ids` with these `records`, `followed` to those that are `left`, if the layout has any.
+pub(super) fn of(
+    (ids, records): (&[GlobalVertex], &[u8]),
+    followed: &mut [u32],
+    left: &[GlobalVertex],
+    layout: &VertexLayout,
+) -> Vec<u8> {
+    if !layout.has_origins {
+        return Vec::new();
+    }
+    let (record_bytes, position_bytes) =
+        (layout.schema.record_bytes(), layout.schema.position_bytes());
+    lead_copies(followed, |v| &records[v * record_bytes..][..position_bytes]);
     let mut rows = Vec::with_capacity(2 * layout.ids.bytes * ids.len());
-    for (v, (&id, &to)) in ids.iter().zip(followed).enumerate() {
-        let to = if to == GONE { lost.get(place(v)).copied().unwrap_or(GONE) } else { to };
+    for (&id, &mut to) in ids.iter().zip(followed) {
         if let Some(&kept) = left.get(to as usize) {
             layout.ids.push(id, &mut rows);
             layout.ids.push(kept, &mut rows);

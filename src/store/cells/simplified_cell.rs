@@ -8,8 +8,7 @@ use super::group_record::GroupRecord;
 use super::origins;
 use super::pack::{Pack, PackWriter};
 use crate::cell_id::CellId;
-use crate::cells::cell_mesh::CellMesh;
-use crate::cells::cell_mesh::Dropped;
+use crate::cells::cell_mesh::{CellMesh, Dropped};
 use crate::pack_format::{Chunk, ChunkKind};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -178,8 +177,8 @@ impl Survivors {
         let is_flat = !mesh.has_area(layout.schema.rounding());
         let statistics =
             CellStatistics { reached: true, dropped, is_flat, ..CellStatistics::default() };
-        let origins = if layout.has_origins { origins::of_all(&ids, layout) } else { Vec::new() };
-        Survivors { ids, shared, records, mesh, statistics, followed: Vec::new(), origins }
+        let origins = origins::of_all(&ids, layout);
+        Survivors { ids, shared, records, mesh, statistics, origins, ..Survivors::default() }
     }
 
     /// Turns the kernel's result for `cell` into rows; positions go back into the records, in the input's type.
@@ -199,7 +198,7 @@ impl Survivors {
             records: Vec::with_capacity(simplified.source.len() * record_bytes),
             mesh: simplified.mesh,
             followed: simplified.followed,
-            origins: Vec::new(),
+            ..Survivors::default()
         };
         for (vertex, &source) in simplified.source.iter().enumerate() {
             let source = source as usize;
@@ -210,10 +209,7 @@ impl Survivors {
             out.records.extend_from_slice(&record[position_bytes..]);
         }
         out.statistics.is_flat = !out.mesh.has_area(layout.schema.rounding());
-        if layout.has_origins {
-            let followed = std::mem::take(&mut out.followed);
-            out.origins = origins::of((ids, records), &followed, &out.ids, layout);
-        }
+        out.origins = origins::of((ids, records), &mut out.followed, &out.ids, layout);
         out
     }
 
@@ -288,8 +284,7 @@ impl Survivors {
         for row in original.chunks_exact(original_bytes.max(1)) {
             layout.read_original(row, &mut mesh);
         }
-        let (followed, origins) = (Vec::new(), Vec::new());
-        Some(Survivors { ids, shared, records, mesh, statistics, followed, origins })
+        Some(Survivors { ids, shared, records, mesh, statistics, ..Survivors::default() })
     }
 }
 
@@ -495,10 +490,8 @@ impl SurvivorPack {
         let (file, pack) = (&self.info.packs[at], &self.packs[at]);
         let of_kind = |chunk: &&Chunk| chunk.kind == kind;
         let chunk = pack.chunks_of(cell).iter().rfind(of_kind).ok_or_else(|| {
-            Error::corrupt(
-                Path::new(&file.pack),
-                format!("cell {cell} is missing; run again with --restart"),
-            )
+            let what = format!("cell {cell} is missing; run again with --restart");
+            Error::corrupt(Path::new(&file.pack), what)
         })?;
         let mut payload = Vec::new();
         pack.read(chunk, &mut payload)?;

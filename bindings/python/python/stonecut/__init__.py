@@ -83,6 +83,7 @@ __all__ = [
     "simplify_file",
     "synth",
     "tiles",
+    "transfer",
 ]
 
 Report = dict[str, Any]
@@ -104,15 +105,25 @@ class SimplifiedArrays:
 
     ``points`` (n, 3) of the type of the input's, ``faces`` (m, 3) int32, ``attributes`` by name and of the types that were
     given, ``source`` (n,) uint32: the input vertex that survived as each vertex, in ascending order, by which anything
-    else can be looked up. ``report`` says what was done; its keys are those of ``--report`` (docs/report.md).
+    else can be looked up. ``map``, if it was asked for, has for each vertex of the input the vertex that it became (int32), or -1.
+    ``report`` says what was done; its keys are those of ``--report`` (docs/report.md).
     """
 
-    def __init__(self, points: Array, faces: Array, attributes: dict[str, Array], source: Array, report: Report) -> None:
+    def __init__(
+        self,
+        points: Array,
+        faces: Array,
+        attributes: dict[str, Array],
+        source: Array,
+        report: Report,
+        map: Array | None = None,
+    ) -> None:
         self.points = points
         self.faces = faces
         self.attributes = attributes
         self.source = source
         self.report = report
+        self.map = map
 
     def __iter__(self) -> Iterator[Array]:
         return iter((self.points, self.faces))
@@ -201,6 +212,7 @@ def simplify_arrays(
     merge_distance: float | None = None,
     weld: str | float | None = None,
     no_self_intersections: bool = False,
+    map: bool = False,
     cell_triangles: int | str | None = None,
     memory: Size | None = None,
     threads: int | None = None,
@@ -228,6 +240,7 @@ def simplify_arrays(
         weld: copies of vertices become one before everything else: ``"auto"`` (within rounding, where triangles hardly have
             a vertex in common), ``"off"`` or a distance; they keep the attributes of the first [auto].
         no_self_intersections: refuse what would make the surface pass through itself where it did not; takes four to eight times as long.
+        map: gives ``result.map``, too: what each point of the input became; not with texture coordinates and ``merge_distance``.
         cell_triangles: beyond four cells of this size the mesh is simplified in parallel, through cells in memory [256k].
         memory: what the call may take beside the arrays [75 % of what the process may use].
         threads: [the cores the process may use]; the result does not depend on them.
@@ -251,16 +264,20 @@ def simplify_arrays(
         merge_distance=merge_distance,
         weld=weld,
         no_self_intersections=no_self_intersections,
+        map="arrays.npy" if map else None,
         cell_triangles=cell_triangles,
         memory=memory,
         threads=threads,
     )
     out = _stonecut.simplify_arrays(points, faces, carried.columns, words, progress)
-    new_points, new_faces, source, records, text = out
+    new_points, new_faces, source, rows, records, text = out
     report = json.loads(text)
     _warn_if_short(report, not (report["target_met"] and report["quality"]["bearable"]))
     # Fewer than 2^30 vertices are left, so int32 holds every index.
-    return SimplifiedArrays(new_points, new_faces.view("i4"), carried.back(records, len(new_points)), source, report)
+    mapped = rows.view("i4") if map else None
+    return SimplifiedArrays(
+        new_points, new_faces.view("i4"), carried.back(records, len(new_points)), source, report, mapped
+    )
 
 
 def simplify(
@@ -421,6 +438,28 @@ def simplify_file(
     found, is_short = _report(words, progress)
     _warn_if_short(found, is_short)
     return found
+
+
+def transfer(
+    map: PathLike,
+    values: PathLike,
+    output: PathLike,
+    *,
+    to: Literal["result", "input"] = "result",
+    by: Literal["mean", "majority"] | None = None,
+    memory: Size | None = None,
+    temp_dir: PathLike | None = None,
+    force: bool = False,
+    progress: OnProgress | None = None,
+) -> Report:
+    """Carries values of vertices over to a simplified mesh by the map of :func:`simplify_file`, or back.
+
+    Files of numpy (``.npy``) in and out, with a row for each vertex, of any size: see docs/usage.md. Returns counts: ``rows``,
+    ``columns``, ``unknown`` (rows without a value: NaN or 0).
+    """
+    words = ["transfer", path("map", map), path("values", values), "--output=" + path("output", output)]
+    words += options(to=to, by=by, memory=memory, temp_dir=temp_dir and path("temp_dir", temp_dir), force=force)
+    return _report(words, progress)[0]
 
 
 def plan(

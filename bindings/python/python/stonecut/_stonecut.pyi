@@ -44,7 +44,7 @@ def simplify_arrays(
     columns: Sequence[Column],
     words: Sequence[str],
     callback: _Callback,
-) -> tuple[_Array, _Array, _Array, _Array, str]: ...
+) -> tuple[_Array, _Array, _Array, _Array, _Array, str]: ...
 def measure_arrays(
     original: Mesh,
     simplified: Mesh,
