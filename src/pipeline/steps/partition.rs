@@ -133,7 +133,7 @@ fn hold_sizes(config: &Config, bounds: &Bounds) -> Result<()> {
         hold("a new texture or normal map", [1e-36, 1e36])?;
     }
     if config.close.is_some() {
-        bounds.hold(&config.input, "--close", [0.0, 1e36])?;
+        hold("--close", [0.0, 1e36])?;
     }
     if kernel.no_self_intersections {
         hold("--no-self-intersections", [0.0, 1e36])?;
