@@ -117,7 +117,7 @@ fn no_budget_thread_or_checkpoint_changes_a_byte() {
 #[test]
 fn the_plan_of_the_disk_is_right_for_every_format() {
     let folder = tempfile::tempdir().unwrap();
-    expect(folder.path(), "synth statue in.ply --triangles 300k", 0);
+    expect(folder.path(), "synth statue in.ply --triangles 150k", 0);
     let formats = [
         ("ply", ""),
         ("stl", ""),
@@ -128,10 +128,10 @@ fn the_plan_of_the_disk_is_right_for_every_format() {
     ];
     for (extension, format) in formats {
         for (ratio, fit, cell_triangles) in [
-            (0.6, Fit::Off, 50_000),
-            (0.6, Fit::On, 50_000),
-            (0.01, Fit::On, 50_000),
-            (0.5, Fit::Off, 20_000),
+            (0.6, Fit::Off, 25_000),
+            (0.6, Fit::On, 25_000),
+            (0.01, Fit::On, 25_000),
+            (0.5, Fit::Off, 10_000),
         ] {
             let mut config = config(folder.path(), ratio);
             config.output = folder.path().join("out").with_extension(extension);

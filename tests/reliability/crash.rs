@@ -6,6 +6,7 @@
 
 use crate::common::one_in;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use stonecut::Result;
 use stonecut::config::{Config, Level, Target, Until};
@@ -77,14 +78,19 @@ type Job = (u32, &'static [u64]);
 const JOBS: [Job; 4] =
     [(6000, &[400]), (8500, &[4400]), (3000, &[300]), (8500, &[4400, 1000, 600])];
 
-/// Every operation is tried, but of the chain every seventh and of two rounds every third: they have most of them.
-fn step((triangles, targets): Job) -> usize {
-    one_in(match (triangles, targets) {
-        (_, [_, _, ..]) => 7,
-        (8500, _) => 3,
-        _ => 1,
-    })
+/// Numbers (from 1) of the operations to try: the first of every kind on every file, all that write to the manifest, which seals
+/// stages, and every 16th of the others; and one behind the last. All of them at night.
+fn sample(kinds: &[String]) -> Vec<u64> {
+    let n = one_in(16);
+    let is_tried = |&k: &usize| {
+        let is_first = !kinds[..k].contains(&kinds[k]);
+        k % n == 0 || is_first || kinds[k].contains("write manifest")
+    };
+    let tried = (0..kinds.len()).filter(is_tried).chain([kinds.len()]);
+    tried.map(|k| k as u64 + 1).collect()
 }
+
+const LOSSES: [PowerLoss; 3] = [PowerLoss::Nothing, PowerLoss::Unsynced, PowerLoss::UnsyncedData];
 
 /// Three blocks of vertices and three of faces, most of them unused or degenerate; a checkpoint after each.
 const LONG_JOB: Job = (0, &[3000]);
@@ -123,8 +129,10 @@ struct Bench {
     config: Config,
     /// Of each output.
     reference: Vec<Vec<u8>>,
-    operations: u64,
-    changes: u64,
+    /// Action and file of every operation.
+    operations: Vec<String>,
+    /// Those of them that change something.
+    changes: Vec<String>,
 }
 
 fn bench(job: Job) -> Bench {
@@ -142,11 +150,21 @@ fn bench_with((triangles, targets): Job, checkpoint_every: Duration) -> Bench {
         _ => input(folder.path(), triangles),
     }
     let disk = Disk::for_crash_tests();
+    let seen = Arc::new(Mutex::new((Vec::new(), Vec::new())));
+    let sees = Arc::clone(&seen);
+    disk.watch(move |operation| {
+        let name = operation.path.file_name().unwrap_or_default();
+        let kind = format!("{} {}", operation.action, name.display());
+        let (operations, changes) = &mut *sees.lock().unwrap();
+        changes.extend(operation.change.map(|_| kind.clone()));
+        operations.push(kind);
+    });
     simplify(&disk, &config).unwrap();
     let reference = config.outputs().map(|output| std::fs::read(output).unwrap()).collect();
     assert!(!config.job_folder.exists());
     config.outputs().for_each(|output| std::fs::remove_file(output).unwrap());
-    Bench { folder, config, reference, operations: disk.operations(), changes: disk.changes() }
+    let (operations, changes) = std::mem::take(&mut *seen.lock().unwrap());
+    Bench { folder, config, reference, operations, changes }
 }
 
 impl Bench {
@@ -190,8 +208,8 @@ impl Bench {
 fn an_operation_that_fails_once_costs_nothing() {
     for job in JOBS {
         let bench = bench(job);
-        for k in (1..=bench.operations + 2).step_by(step(job)) {
-            let what = format!("{job:?}, operation {k} of {} fails", bench.operations);
+        for k in sample(&bench.operations) {
+            let what = format!("{job:?}, operation {k} of {} fails", bench.operations.len());
             let disk = Disk::for_crash_tests();
             disk.fail_at(k);
             let outcome = simplify(&disk, &bench.config);
@@ -206,9 +224,11 @@ fn an_operation_that_fails_once_costs_nothing() {
 fn a_death_between_any_two_changes_costs_nothing() {
     for job in JOBS {
         let bench = bench(job);
-        for k in (1..=bench.changes + 1).step_by(step(job)) {
-            for loss in [PowerLoss::Nothing, PowerLoss::Unsynced, PowerLoss::UnsyncedData] {
-                let what = format!("{job:?}, death at change {k} of {}, {loss:?}", bench.changes);
+        for (i, k) in sample(&bench.changes).into_iter().enumerate() {
+            // By day one of the three in turn.
+            for loss in LOSSES.into_iter().skip(i % one_in(3)).step_by(one_in(3)) {
+                let n = bench.changes.len();
+                let what = format!("{job:?}, death at change {k} of {n}, {loss:?}");
                 let disk = Disk::for_crash_tests();
                 disk.freeze_at(k);
                 let _ = simplify(&disk, &bench.config);
@@ -235,7 +255,7 @@ fn a_death_in_a_bounded_round_costs_nothing() {
     simplify(&disk, &config).unwrap();
     let reference = std::fs::read(&config.output).unwrap();
     let changes = disk.changes();
-    for k in 1..=changes {
+    for k in (1..=changes).step_by(one_in(3)) {
         std::fs::remove_file(&config.output).unwrap();
         let disk = Disk::for_crash_tests();
         disk.freeze_at(k);
@@ -255,15 +275,16 @@ fn a_death_in_a_bounded_round_costs_nothing() {
 /// checkpoints give the same bytes.
 #[test]
 fn a_death_between_checkpoints_costs_nothing() {
-    for (job, step) in [(JOBS[1], one_in(7)), (LONG_JOB, one_in(7))] {
+    for job in [JOBS[1], LONG_JOB] {
         let without = bench(job);
         let bench = bench_with(job, Duration::ZERO);
         assert!(bench.reference == without.reference, "checkpoints change the result");
-        assert!(bench.changes > without.changes + 5, "{} {}", bench.changes, without.changes);
+        let n = bench.changes.len();
+        assert!(n > without.changes.len() + 5, "{n} {}", without.changes.len());
         let mut taken_up = 0;
-        for k in (1..=bench.changes + 1).step_by(step) {
-            for loss in [PowerLoss::Nothing, PowerLoss::Unsynced, PowerLoss::UnsyncedData] {
-                let what = format!("{job:?}, death at change {k} of {}, {loss:?}", bench.changes);
+        for k in (1..=n as u64 + 1).step_by(one_in(7)) {
+            for loss in LOSSES {
+                let what = format!("{job:?}, death at change {k} of {n}, {loss:?}");
                 let disk = Disk::for_crash_tests();
                 disk.freeze_at(k);
                 let _ = simplify(&disk, &bench.config);
@@ -294,7 +315,7 @@ fn a_checkpoint_is_taken_up() {
     let whole = written(0);
     let _ = std::fs::remove_dir_all(&bench.config.job_folder);
     let mut most = 0;
-    for k in (10..bench.changes).step_by(4) {
+    for k in (10..bench.changes.len() as u64).step_by(one_in(4)) {
         let first = written(k);
         let second = written(0);
         if second > 0 {
@@ -315,12 +336,11 @@ fn deaths_one_after_the_other_cost_nothing() {
         let what = format!("series {round}");
         for _ in 0..6 {
             random = random.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            let k = random % (bench.changes / 2) + 1;
+            let k = random % (bench.changes.len() as u64 / 2) + 1;
             let disk = Disk::for_crash_tests();
             disk.freeze_at(k);
-            let loss = [PowerLoss::Nothing, PowerLoss::Unsynced, PowerLoss::UnsyncedData];
             died += u32::from(simplify(&disk, &bench.config).is_err());
-            disk.lose(loss[(random >> 33) as usize % 3]).unwrap();
+            disk.lose(LOSSES[(random >> 33) as usize % 3]).unwrap();
             bench.output_is_absent_or_whole(&what);
         }
         bench.rerun(&what);
@@ -341,10 +361,12 @@ fn a_panic_at_any_operation_costs_nothing() {
     for (job, threads) in [(JOBS[0], 1), (JOBS[1], 1), (JOBS[1], 2), (JOBS[2], 1)] {
         let mut bench = bench(job);
         bench.config.threads = std::num::NonZeroUsize::new(threads).unwrap();
-        for k in 1..=bench.operations + 2 {
-            let what = format!("{job:?}, a panic at operation {k} of {}", bench.operations);
+        for k in sample(&bench.operations) {
+            let what = format!("{job:?}, a panic at operation {k} of {}", bench.operations.len());
             let disk = Disk::for_crash_tests();
-            disk.watch(move |operation| assert!(operation != k, "injected fault at {k}"));
+            disk.watch(move |operation| {
+                assert!(operation.number != k, "injected fault at {k}");
+            });
             let outcome = simplify(&disk, &bench.config);
             let is_there = bench.output_is_absent_or_whole(&what);
             if let Err(error) = outcome {
@@ -384,19 +406,19 @@ fn overwrite(path: &Path, bytes: &[u8], at: u64) {
 /// The partition is the only stage that reads the input; after it a change no longer matters to the run.
 #[test]
 fn an_input_that_changes_while_it_is_read_is_named() {
-    let bench = bench(JOBS[1]);
+    let bench = bench(JOBS[0]);
     let input = bench.config.input.clone();
     let sound = std::fs::read(&input).unwrap();
     for change in CHANGES {
         let mut refused = 0;
-        for k in (1..=bench.operations).step_by(3) {
+        for k in sample(&bench.operations) {
             // So that a change is later than the file's making by the clock's granularity, too.
             std::fs::write(&input, &sound).unwrap();
             let prepared = pipeline::prepare(&bench.config).unwrap();
             let disk = Disk::for_crash_tests();
             let path = input.clone();
             disk.watch(move |operation| {
-                if operation == k {
+                if operation.number == k {
                     change(&path);
                 }
             });

@@ -76,11 +76,11 @@ fn write_fragments(path: &Path, n: u32) {
 fn every_kind_of_scan_stays_within_its_budget() {
     // Name, how it is made, cell size, budget in MiB.
     let scans = [
-        ("ordinary", "statue in.ply --triangles 1500k", 100_000, 110),
-        ("shuffled", "statue in.ply --triangles 1500k --shuffle", 100_000, 110),
-        ("fragmented", "", 60_000, 150),
-        ("textured", "terrain in.ply --triangles 800k --color --uv", 60_000, 150),
-        ("volume", "volume in.ply --triangles 800k", 60_000, 150),
+        ("ordinary", "statue in.ply --triangles 700k", 100_000, 80),
+        ("shuffled", "statue in.ply --triangles 700k --shuffle", 100_000, 80),
+        ("fragmented", "", 60_000, 110),
+        ("textured", "terrain in.ply --triangles 400k --color --uv", 60_000, 80),
+        ("volume", "volume in.ply --triangles 400k", 60_000, 80),
     ];
     for (name, synth, cells, budget) in scans {
         // A budget is taken down to nine tenths of the limit.
@@ -90,7 +90,7 @@ fn every_kind_of_scan_stays_within_its_budget() {
         };
         let folder = tempfile::tempdir().unwrap();
         match synth {
-            "" => write_fragments(&folder.path().join("in.ply"), 320),
+            "" => write_fragments(&folder.path().join("in.ply"), 230),
             _ => {
                 let made = crate::common::run(folder.path(), &format!("synth {synth}"));
                 if !made.status.success() && name == "volume" {
@@ -203,24 +203,24 @@ fn write_wide(path: &Path, n: usize, n_further: usize) {
 fn the_least_budget_is_enough_and_not_twice_the_need() {
     // How the scan is made, and what is asked of it.
     let scans = [
-        ("statue", "statue in.ply --triangles 700k", "--ratio 1%"),
-        ("statue", "statue in.ply --triangles 700k", "--ratio 50% --fit on"),
-        ("volume", "volume in.ply --triangles 900k", "--ratio 60% --fit on"),
-        ("volume", "volume in.ply --triangles 900k", "--ratio 5%"),
+        ("statue", "statue in.ply --triangles 350k", "--ratio 1%"),
+        ("statue", "statue in.ply --triangles 350k", "--ratio 50% --fit on"),
+        ("volume", "volume in.ply --triangles 450k", "--ratio 60% --fit on"),
+        ("volume", "volume in.ply --triangles 450k", "--ratio 5%"),
         // Rounds that fit, the last of them without a finish after it.
-        ("statue", "statue in.ply --triangles 700k", "--ratio 30% --fit on --cell-triangles 40k"),
-        ("colours", "terrain in.ply --triangles 600k --color --uv", "--ratio 10%"),
+        ("statue", "statue in.ply --triangles 350k", "--ratio 30% --fit on --cell-triangles 20k"),
+        ("colours", "terrain in.ply --triangles 300k --color --uv", "--ratio 10%"),
         ("fragments", "", "--ratio 5%"),
         ("wide", "", "--ratio 5%"),
         ("wide", "", "--ratio 95%"),
-        ("wide", "", "--ratio 95% --cell-triangles 50k"),
+        ("wide", "", "--ratio 95% --cell-triangles 25k"),
     ];
     for (name, synth, options) in scans {
         let folder = tempfile::tempdir().unwrap();
         let input = folder.path().join("in.ply");
         match name {
-            "fragments" => write_fragments(&input, 280),
-            "wide" => write_wide(&input, 400, 60),
+            "fragments" => write_fragments(&input, 200),
+            "wide" => write_wide(&input, 280, 60),
             _ => drop(expect(folder.path(), &format!("synth {synth}"), 0)),
         }
         let command =
@@ -240,12 +240,12 @@ fn the_least_budget_is_enough_and_not_twice_the_need() {
 #[test]
 fn many_threads_stay_within_the_least_budget() {
     let folder = tempfile::tempdir().unwrap();
-    expect(folder.path(), "synth statue in.ply --triangles 2M", 0);
+    expect(folder.path(), "synth statue in.ply --triangles 1M", 0);
     // Rounds only, whose least budget is little more than that of one cell; and a finish that takes all of it.
     for options in [
-        "--ratio 30% --cell-triangles 120k --fit off",
-        "--ratio 32% --cell-triangles 150k --fit off",
-        "--ratio 4% --cell-triangles 80k --fit on",
+        "--ratio 30% --cell-triangles 60k --fit off",
+        "--ratio 32% --cell-triangles 75k --fit off",
+        "--ratio 4% --cell-triangles 40k --fit on",
     ] {
         let command =
             format!("simplify in.ply out.ply {options} --threads 8 --force --report r.json");

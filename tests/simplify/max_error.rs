@@ -28,12 +28,12 @@ fn the_result_stays_within_the_bound_and_goes_far() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     for kind in ["statue", "terrain", "volume"] {
-        expect(at, &format!("synth {kind} in.ply --triangles 12k --force"), 0);
+        expect(at, &format!("synth {kind} in.ply --triangles 6k --force"), 0);
         let diagonal = diagonal(at, "in.ply");
         let mut before = i64::MAX;
         for share in [1e-4, 1e-3, 1e-2] {
             let bound = share * diagonal;
-            for cells in ["", "--cell-triangles 1500"] {
+            for cells in ["", "--cell-triangles 1000"] {
                 let command = format!("simplify in.ply out.ply --max-error {bound} {cells}");
                 expect(at, &format!("{command} --force --report r.json"), 0);
                 let max = measured(at, "in.ply", "out.ply");

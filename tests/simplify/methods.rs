@@ -409,7 +409,7 @@ fn decimation_keeps_creases_refuses_what_does_not_fit_and_carries_attributes() {
 fn methods_are_compared_on_one_page() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    expect(at, "synth statue in.ply --triangles 40k", 0);
+    expect(at, "synth statue in.ply --triangles 20k", 0);
     let said = expect(
         at,
         "compare collapse,cluster,decimate in.ply --triangles 2k -o page.html --samples 20k",

@@ -49,8 +49,21 @@ struct Shared {
     watch: OnceLock<Watch>,
 }
 
-/// Called with the number of every operation before it is carried out.
-struct Watch(Box<dyn Fn(u64) + Send + Sync>);
+/// An operation that is about to be carried out, for the watch of a test.
+#[derive(Debug)]
+pub struct Operation<'a> {
+    /// From 1.
+    pub number: u64,
+    /// Its number among the changes (from 1), if it changes something.
+    pub change: Option<u64>,
+    /// As in the message of its failure.
+    pub action: &'static str,
+    /// The file or folder.
+    pub path: &'a Path,
+}
+
+/// Called with every operation before it is carried out.
+struct Watch(Box<dyn Fn(&Operation) + Send + Sync>);
 
 impl std::fmt::Debug for Watch {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -93,9 +106,9 @@ impl Disk {
         self.shared.freeze_at.store(k, Relaxed);
     }
 
-    /// For tests: calls `watch` with the number (from 1) of every operation before it is carried out, on the
-    /// thread that carries it out. It may panic, or change files behind the run's back. Only the first counts.
-    pub fn watch(&self, watch: impl Fn(u64) + Send + Sync + 'static) {
+    /// For tests: calls `watch` with every operation before it is carried out, on the thread that carries it out. It may
+    /// panic, or change files behind the run's back. Only the first counts.
+    pub fn watch(&self, watch: impl Fn(&Operation) + Send + Sync + 'static) {
         let _ = self.shared.watch.set(Watch(Box::new(watch)));
     }
 
@@ -126,14 +139,12 @@ impl Disk {
     fn operation(&self, path: &Path, action: &'static str, effect: Effect) -> Result<()> {
         let shared = &self.shared;
         let number = shared.operations.fetch_add(1, Relaxed) + 1;
+        let change = (effect == Change).then(|| shared.changes.fetch_add(1, Relaxed) + 1);
         if let Some(Watch(watch)) = shared.watch.get() {
-            watch(number);
+            watch(&Operation { number, change, action, path });
         }
-        if effect == Change {
-            let change = shared.changes.fetch_add(1, Relaxed) + 1;
-            if change == shared.freeze_at.load(Relaxed) {
-                shared.is_frozen.store(true, Relaxed);
-            }
+        if change == Some(shared.freeze_at.load(Relaxed)) {
+            shared.is_frozen.store(true, Relaxed);
         }
         if number == shared.fail_at.load(Relaxed) || shared.is_frozen.load(Relaxed) {
             return Err(Error::io(path, action, std::io::Error::other("injected device failure")));
