@@ -15,7 +15,7 @@ fn the_error_falls_at_the_same_count_and_topology() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     for kind in ["statue", "terrain"] {
-        expect(at, &format!("synth {kind} in.ply --triangles 30k --force"), 0);
+        expect(at, &format!("synth {kind} in.ply --triangles 60k --force"), 0);
         for target in [6_000, 600] {
             let options = format!("in.ply before.ply --triangles {target} --fit on --force");
             expect(at, &format!("simplify {options}"), 0);
