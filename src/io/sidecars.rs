@@ -13,11 +13,9 @@
 //! | scanners | `epsg n`, `offsetx X`, `offsety Y`, `offsetz Z` |
 
 use crate::globe::code_of;
-use crate::ply::{MeshSource, VertexBlock};
 use std::path::{Path, PathBuf};
-use stonecut_mesh::placing::{SUBTRACTED, offset_of, offset_words};
+use stonecut_mesh::placing::{offset_of, offset_words};
 use stonecut_system::disk::read_regular;
-use stonecut_system::losses::Loss;
 
 /// A file beside a mesh is text of a few lines.
 const MOST_BYTES: u64 = 256 << 10;
@@ -33,78 +31,14 @@ pub struct Georeference {
     pub found_in: Vec<PathBuf>,
 }
 
-impl MeshSource {
-    /// Takes the place that files beside a mesh name as if comments in it did, unless they do.
-    pub(crate) fn locate(&mut self, mesh: &Path) -> Option<Georeference> {
-        if crs_in(self.comments()).is_some() {
-            return None;
-        }
-        let mut found = Georeference::beside(mesh)?;
-        if found.crs.is_empty() && found.offset == [0.0; 3] {
-            return None;
-        }
-        let is_own = |line: &String| offset_of(line).is_some() && !line.contains(SUBTRACTED);
-        if self.comments().iter().any(is_own) {
-            found.offset = [0.0; 3];
-        }
-        // Maps have z upwards, glTF has y.
-        let in_file = |[x, y, z]: [f64; 3]| match self.file_format() {
-            "glTF" => [x, z, -y],
-            _ => [x, y, z],
-        };
-        if self.lies_near(in_file(found.offset)) {
-            found.offset = [0.0; 3];
-        }
-        let offset = in_file(found.offset);
-        let crs = if found.crs.is_empty() { UNKNOWN } else { &found.crs };
-        let mut comments = vec![format!("{CRS}{crs}")];
-        if offset != [0.0; 3] {
-            comments.push(format!("{} (of {})", offset_words(offset), found.names()));
-        }
-        self.take_place(comments, &found.found_in);
-        Some(found)
-    }
-
-    /// Returns whether the mesh lies where an offset would take it: its coordinates have the offset already.
-    fn lies_near(&self, offset: [f64; 3]) -> bool {
-        let far = offset.into_iter().fold(0.0, |far: f64, x| far.max(x.abs()));
-        let mut block = VertexBlock::default();
-        if far < LEAST_FAR || self.n_vertices() == 0 || self.read_vertices(0, &mut block).is_err() {
-            return false;
-        }
-        let schema = self.schema();
-        let first = block.records.get(..schema.record_bytes()).map(|row| schema.position(row));
-        first.is_some_and(|p| (0..3).all(|k| (p[k] - offset[k]).abs() <= NEAR * far))
-    }
-
-    /// Adds the remark on the place that was found beside a mesh.
-    pub(crate) fn note_place(&mut self, found: &Georeference) {
-        self.note(Loss::remark(format!("{LIES_AT}{}", found.words())));
-    }
-
-    /// The place that comments name, in the axes of the file.
-    pub fn georeference(&self) -> Option<Georeference> {
-        let (crs, offset) = (crs_in(self.comments()), self.offset());
-        (crs.is_some() || offset.is_some()).then(|| Georeference {
-            crs: crs.unwrap_or_default(),
-            offset: offset.unwrap_or_default(),
-            found_in: Vec::new(),
-        })
-    }
-}
-
-/// Offsets of maps are larger, and meshes that count from them are smaller than this share of the offset.
-const LEAST_FAR: f64 = 10_000.0;
-const NEAR: f64 = 0.2;
-
 /// Begins the remark on a place.
 pub const LIES_AT: &str = "lies at ";
 
 /// Begins the comment on a system, as QGIS reads it.
-const CRS: &str = "crs ";
+pub(crate) const CRS: &str = "crs ";
 
 /// The system where only an offset is known: the place of such a file is whole.
-const UNKNOWN: &str = "unknown";
+pub(crate) const UNKNOWN: &str = "unknown";
 
 /// The system that comments name: empty if it is not understood.
 pub fn crs_in(comments: &[String]) -> Option<String> {
@@ -182,7 +116,7 @@ impl Georeference {
     }
 
     /// Names of the files.
-    fn names(&self) -> String {
+    pub(crate) fn names(&self) -> String {
         let names = self.found_in.iter().filter_map(|file| file.file_name());
         let shown = |name: &std::ffi::OsStr| name.to_string_lossy().replace(char::is_control, "?");
         names.map(shown).collect::<Vec<_>>().join(", ")

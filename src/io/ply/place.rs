@@ -5,11 +5,17 @@ use super::VertexBlock;
 use super::placed::Placed;
 use super::raw::Spool;
 use super::source::MeshSource;
+use crate::sidecars::{CRS, Georeference, LIES_AT, UNKNOWN, crs_in};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use stonecut_mesh::bounds::Bounds;
-use stonecut_mesh::placing::{Placing, offset_in};
+use stonecut_mesh::placing::{Placing, SUBTRACTED, offset_in, offset_of, offset_words};
 use stonecut_system::error::Result;
+use stonecut_system::losses::Loss;
+
+/// Offsets of maps are larger, and meshes that count from them are smaller than this share of the offset.
+const LEAST_FAR: f64 = 10_000.0;
+const NEAR: f64 = 0.2;
 
 impl MeshSource {
     /// A position of the file where it comes to lie.
@@ -64,5 +70,63 @@ impl MeshSource {
             Arc::make_mut(materials).leave_folder(folder, name, spool)?;
         }
         Ok(())
+    }
+
+    /// Takes the place that files beside a mesh name as if comments in it did, unless they do.
+    pub(crate) fn locate(&mut self, mesh: &Path) -> Option<Georeference> {
+        if crs_in(self.comments()).is_some() {
+            return None;
+        }
+        let mut found = Georeference::beside(mesh)?;
+        if found.crs.is_empty() && found.offset == [0.0; 3] {
+            return None;
+        }
+        let is_own = |line: &String| offset_of(line).is_some() && !line.contains(SUBTRACTED);
+        if self.comments().iter().any(is_own) {
+            found.offset = [0.0; 3];
+        }
+        // Maps have z upwards, glTF has y.
+        let in_file = |[x, y, z]: [f64; 3]| match self.file_format() {
+            "glTF" => [x, z, -y],
+            _ => [x, y, z],
+        };
+        if self.lies_near(in_file(found.offset)) {
+            found.offset = [0.0; 3];
+        }
+        let offset = in_file(found.offset);
+        let crs = if found.crs.is_empty() { UNKNOWN } else { &found.crs };
+        let mut comments = vec![format!("{CRS}{crs}")];
+        if offset != [0.0; 3] {
+            comments.push(format!("{} (of {})", offset_words(offset), found.names()));
+        }
+        self.take_place(comments, &found.found_in);
+        Some(found)
+    }
+
+    /// Returns whether the mesh lies where an offset would take it: its coordinates have the offset already.
+    fn lies_near(&self, offset: [f64; 3]) -> bool {
+        let far = offset.into_iter().fold(0.0, |far: f64, x| far.max(x.abs()));
+        let mut block = VertexBlock::default();
+        if far < LEAST_FAR || self.n_vertices() == 0 || self.read_vertices(0, &mut block).is_err() {
+            return false;
+        }
+        let schema = self.schema();
+        let first = block.records.get(..schema.record_bytes()).map(|row| schema.position(row));
+        first.is_some_and(|p| (0..3).all(|k| (p[k] - offset[k]).abs() <= NEAR * far))
+    }
+
+    /// Adds the remark on the place that was found beside a mesh.
+    pub(crate) fn note_place(&mut self, found: &Georeference) {
+        self.note(Loss::remark(format!("{LIES_AT}{}", found.words())));
+    }
+
+    /// The place that comments name, in the axes of the file.
+    pub fn georeference(&self) -> Option<Georeference> {
+        let (crs, offset) = (crs_in(self.comments()), self.offset());
+        (crs.is_some() || offset.is_some()).then(|| Georeference {
+            crs: crs.unwrap_or_default(),
+            offset: offset.unwrap_or_default(),
+            found_in: Vec::new(),
+        })
     }
 }
