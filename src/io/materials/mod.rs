@@ -17,6 +17,6 @@ pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials
 pub use images::{copy_bytes, image_size, look as look_at_image};
 pub use losses::{BARE_FACES, BARE_REASON, EMITTED, besides_pages};
 pub use mtl::{after_word, read_library, take_ambient_images};
-pub use plan::{Reference, all_missing, relative, stem};
+pub use plan::{Reference, all_missing, stem};
 pub use plan::{TextureMode, TexturePlan, TextureRequest};
-pub use search::{Search, library_beside, plain};
+pub use search::{Search, library_beside, plain, relative};

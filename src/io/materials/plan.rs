@@ -5,10 +5,11 @@
 
 use super::description::{Image, ImageData, MapKind, Materials};
 use super::images::{ImageFacts, is_same, look};
+use super::search::{real, relative};
 use super::{losses, mtl_text};
 use crate::output_format::OutputKind;
 use std::collections::{HashMap, HashSet};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use stonecut_system::disk::{folder_of, open_input};
 use stonecut_system::error::{Error, Result};
@@ -477,31 +478,6 @@ fn shown(image: &Image) -> String {
         ImageData::Inside(_) => image.name.clone(),
     }
 }
-
-/// The path without links, as far as it is there.
-fn real(path: &Path) -> PathBuf {
-    if let Ok(real) = path.canonicalize() {
-        return real;
-    }
-    let path = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
-    match (path.parent(), path.file_name()) {
-        (Some(parent), Some(name)) if parent != path => real(parent).join(name),
-        _ => path,
-    }
-}
-
-/// The way from a folder to a file, both without links, with slashes.
-pub fn relative(folder: &Path, file: &Path) -> String {
-    let parts = |path: &Path| -> Vec<String> {
-        let names = path.components().filter(|part| matches!(part, Component::Normal(_)));
-        names.map(|part| part.as_os_str().to_string_lossy().into_owned()).collect()
-    };
-    let (from, to) = (parts(folder), parts(file));
-    let same = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
-    let up = std::iter::repeat_n("..".to_owned(), from.len() - same);
-    up.chain(to[same..].iter().cloned()).collect::<Vec<_>>().join("/")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

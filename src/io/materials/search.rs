@@ -8,7 +8,7 @@ use crate::encodings;
 use std::collections::HashMap;
 use std::ffi::{OsStr, OsString};
 use std::os::unix::ffi::OsStrExt;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use unicode_normalization::UnicodeNormalization;
 
 /// Folders in a name that are looked at, from its end.
@@ -315,6 +315,30 @@ fn list(folder: &Path) -> HashMap<String, OsString> {
         out.entry(folded(&encodings::name(name.as_bytes()))).or_insert(name);
     }
     out
+}
+
+/// The path without links, as far as it is there.
+pub(super) fn real(path: &Path) -> PathBuf {
+    if let Ok(real) = path.canonicalize() {
+        return real;
+    }
+    let path = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+    match (path.parent(), path.file_name()) {
+        (Some(parent), Some(name)) if parent != path => real(parent).join(name),
+        _ => path,
+    }
+}
+
+/// The way from a folder to a file, both without links, with slashes.
+pub fn relative(folder: &Path, file: &Path) -> String {
+    let parts = |path: &Path| -> Vec<String> {
+        let names = path.components().filter(|part| matches!(part, Component::Normal(_)));
+        names.map(|part| part.as_os_str().to_string_lossy().into_owned()).collect()
+    };
+    let (from, to) = (parts(folder), parts(file));
+    let same = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
+    let up = std::iter::repeat_n("..".to_owned(), from.len() - same);
+    up.chain(to[same..].iter().cloned()).collect::<Vec<_>>().join("/")
 }
 
 #[cfg(test)]
