@@ -451,6 +451,7 @@ fn linear(base: [f32; 4]) -> [f32; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::texture::WantedMaps;
     use std::sync::Arc;
     use stonecut_io::materials::{Alpha, Image, Part};
     use stonecut_io::ply::raw::RawFile;
