@@ -3,10 +3,12 @@
 
 use super::open_options::StageOptions;
 use crate::ply::raw::RawFile;
-use std::io::{BufReader, Read, Seek, SeekFrom, Write};
+use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Component, PathBuf};
 use stonecut_system::disk::ScratchFolder;
-use stonecut_system::error::{Error, Result};
+use stonecut_system::error::{Error, Remedy, Result};
+use stonecut_system::free_space::free_bytes;
+use stonecut_system::units::show_bytes;
 use zip::ZipArchive;
 use zip::result::ZipError;
 
@@ -194,6 +196,22 @@ pub(super) fn unzip(
             names.len()
         )));
     };
+    let is_companion =
+        |other: &usize| ends(&names[*other], &COMPANIONS) && !is_hidden(&names[*other]);
+    let companions: Vec<usize> = (0..names.len()).filter(is_companion).collect();
+    let mut needed = 0u64;
+    for &entry in companions.iter().chain([&index]) {
+        let entry = archive.by_index_raw(entry).map_err(|error| damaged(&error))?;
+        needed = needed.saturating_add(entry.size());
+    }
+    if let Some(free) = free_bytes(&options.temp_dir).filter(|free| needed > *free) {
+        let (archive, needed, free) = (file.path().display(), show_bytes(needed), show_bytes(free));
+        return Err(Error::NoSpace {
+            path: options.temp_dir.clone(),
+            what: format!("cannot unpack {archive}: it holds {needed}; {free} are free"),
+            remedy: Remedy::MakeSpace,
+        });
+    }
     let mut buffer = vec![0; 1 << 20];
     let mut unpack = |index: usize, put: &mut dyn FnMut(&[u8]) -> Result<()>| {
         let mut entry = archive.by_index(index).map_err(|error| damaged(&error))?;
@@ -212,9 +230,6 @@ pub(super) fn unzip(
     };
     let mut spool = options.spool();
     unpack(index, &mut |bytes| spool.write(bytes))?;
-    let is_companion =
-        |other: &usize| ends(&names[*other], &COMPANIONS) && !is_hidden(&names[*other]);
-    let companions: Vec<usize> = (0..names.len()).filter(is_companion).collect();
     if companions.is_empty() {
         let base: String = name.rsplit('/').next().unwrap_or_default().escape_default().collect();
         return Ok((spool.finish(&file.path().join(base))?, None));
@@ -223,12 +238,25 @@ pub(super) fn unzip(
     let folder = ScratchFolder::new(&options.temp_dir).map_err(io)?;
     for other in companions {
         let path = folder.path().join(place_of(&names[other]));
-        std::fs::create_dir_all(path.parent().unwrap_or(folder.path())).map_err(io)?;
-        let mut out = std::fs::File::create(&path).map_err(io)?;
+        let made = std::fs::create_dir_all(path.parent().unwrap_or(folder.path()));
+        let mut out = match made.and_then(|()| std::fs::File::create(&path)) {
+            // A mesh that names it will say that it is missing.
+            Err(error) if NO_NAMES.contains(&error.kind()) => continue,
+            out => out.map_err(io)?,
+        };
         unpack(other, &mut |bytes| out.write_all(bytes).map_err(io))?;
     }
     Ok((spool.finish(&folder.path().join(place_of(name)))?, Some(folder)))
 }
+
+/// Faults of names in archives that no file can have: too long, with a zero, or also the name of a folder.
+const NO_NAMES: [ErrorKind; 5] = [
+    ErrorKind::InvalidFilename,
+    ErrorKind::InvalidInput,
+    ErrorKind::IsADirectory,
+    ErrorKind::NotADirectory,
+    ErrorKind::AlreadyExists,
+];
 
 /// The place of a file of an archive in a folder, never outside of it; programs on Windows write backslashes.
 fn place_of(name: &str) -> PathBuf {

@@ -146,6 +146,29 @@ fn scale_and_offset_of_an_image_go_into_glb() {
     assert_eq!(a, b);
 }
 
+#[test]
+fn strengths_of_maps_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    image::RgbImage::from_pixel(2, 2, image::Rgb([128, 128, 255]))
+        .save(folder.join("n.png"))
+        .unwrap();
+    for (scale, is_lost) in [(1.0, false), (0.5, true)] {
+        triangle(folder, &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0], |document| {
+            let coordinates =
+                json!({ "bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC2" });
+            document["accessors"].as_array_mut().unwrap().push(coordinates);
+            document["meshes"][0]["primitives"][0] =
+                json!({ "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "material": 0 });
+            document["images"] = json!([{ "uri": "n.png" }]);
+            document["textures"] = json!([{ "source": 0 }]);
+            document["materials"] = json!([{ "normalTexture": { "index": 0, "scale": scale } }]);
+        });
+        let said = expect(folder, "convert in.gltf out.glb --force", 0);
+        assert_eq!(said.contains("strength of normal map"), is_lost, "{said}");
+    }
+}
+
 #[cfg(feature = "draco")]
 #[test]
 fn meshes_that_draco_has_compressed_are_read() {

@@ -305,6 +305,11 @@ fn an_archive_is_read_with_all_that_its_mesh_names() {
     std::fs::write(at.join("none.zip"), zip(&files)).unwrap();
     let said = crate::common::expect(at, "convert none.zip none.glb", 3);
     assert!(said.contains("none.zip/s/red.bmp") && !said.contains("/.stonecut"), "{said}");
+    // Names that no file can have belong to files that are missing.
+    let long = format!("s/{}.bmp", "x".repeat(300));
+    let files = [files[0], files[1], (&*long, RED), ("s/a\0.bmp", RED), ("s/a.mtl/red.bmp", RED)];
+    std::fs::write(at.join("names.zip"), zip(&files)).unwrap();
+    crate::common::expect(at, "convert names.zip names.glb", 3);
     std::fs::write(at.join("bad.zip"), zip(&[("a.obj", b"v 0 0 0\nf 1 2 3\n"), files[1]])).unwrap();
     let said = crate::common::expect(at, "info bad.zip", 4);
     assert!(said.contains("bad.zip/a.obj") && !said.contains("/.stonecut"), "{said}");

@@ -313,6 +313,10 @@ pub(super) struct Surface {
 pub(super) struct TextureInfo {
     pub(super) index: usize,
     pub(super) tex_coord: u32,
+    /// Of directions.
+    pub(super) scale: Option<f64>,
+    /// Of shade.
+    pub(super) strength: Option<f64>,
     pub(super) extensions: InfoExtensions,
 }
 

@@ -170,6 +170,10 @@ fn add(
         (MapKind::Emissive, material.emissive_texture.as_ref()),
     ] {
         let Some(info) = info else { continue };
+        if info.scale.or(info.strength).is_some_and(|factor| factor != 1.0) {
+            let what = format!("strength of {}", kind.name());
+            out.lose(Loss::new(LossKind::Materials, what, "not carried"));
+        }
         let same =
             kind == MapKind::Base || base.is_none() || Coordinates::of(Some(info)) == coordinates;
         if !same {
