@@ -83,11 +83,8 @@ pub(crate) fn place_words(comments: &[String]) -> String {
 impl Georeference {
     /// Looks beside a mesh. What is not understood is taken as absent.
     pub fn beside(mesh: &Path) -> Option<Georeference> {
-        let folder = mesh.parent().filter(|folder| !folder.as_os_str().is_empty());
-        let folder = folder.unwrap_or(Path::new("."));
-        let above = folder.join("..");
-        let higher = above.join("..");
-        let found = [folder, &above, &higher].iter().find_map(|at| of_context_capture(at));
+        let [folder, above, higher] = &folders_of(mesh);
+        let found = [folder, above, higher].iter().find_map(|at| of_context_capture(at));
         let is_odm = || {
             let name =
                 std::fs::canonicalize(folder).ok()?.file_name()?.to_string_lossy().into_owned();
@@ -95,6 +92,16 @@ impl Georeference {
         };
         let found = found.or_else(|| of_odm(folder)).or_else(|| of_odm(&is_odm()?));
         found.or_else(|| of_name(mesh, folder))
+    }
+
+    /// A `metadata.xml` of a model beside a mesh or above it whose place is not understood.
+    pub(crate) fn broken_beside(mesh: &Path) -> Option<PathBuf> {
+        let paths = folders_of(mesh).map(|folder| folder.join("metadata.xml"));
+        let is_broken = |path: &PathBuf| {
+            text_of(path).is_some_and(|text| text.contains("<SRS"))
+                && path.parent().is_none_or(|folder| of_context_capture(folder).is_none())
+        };
+        paths.into_iter().find(is_broken)
     }
 
     /// The place in a few words.
@@ -121,6 +128,15 @@ impl Georeference {
         let shown = |name: &std::ffi::OsStr| name.to_string_lossy().replace(char::is_control, "?");
         names.map(shown).collect::<Vec<_>>().join(", ")
     }
+}
+
+/// The folder of a mesh, the one above and the one above that.
+fn folders_of(mesh: &Path) -> [PathBuf; 3] {
+    let folder = mesh.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new(".")).to_path_buf();
+    let above = folder.join("..");
+    let higher = above.join("..");
+    [folder, above, higher]
 }
 
 fn text_of(path: &Path) -> Option<String> {
@@ -164,8 +180,12 @@ fn of_context_capture(folder: &Path) -> Option<Georeference> {
         Some(place) if numbers(place)?.len() >= 2 => srs.to_owned(),
         _ => epsg(srs).unwrap_or_default(),
     };
-    let origin = element("SRSOrigin").and_then(numbers).unwrap_or_default();
-    let offset = [0, 1, 2].map(|k| origin.get(k).copied().unwrap_or(0.0));
+    let offset: [f64; 3] = match element("SRSOrigin") {
+        Some(origin) => numbers(origin)?.try_into().ok()?,
+        // Cut off, it may have had one.
+        None if !text.contains("</ModelMetadata>") => return None,
+        None => [0.0; 3],
+    };
     Some(Georeference { crs, offset, found_in: vec![path] })
 }
 

@@ -189,6 +189,14 @@ fn a_place_that_files_beside_name_is_carried() {
     expect(folder, "convert in.ply up/tile.glb --up z", 0);
     expect(folder, "convert up/tile.glb turned.ply --up y", 0);
     assert_eq!(lies_at("turned.ply"), whole);
+    // A place that is not understood is none, and named.
+    for broken in [xml.replace("100", "nan"), xml.replace(",100", ""), xml[..60].to_owned()] {
+        std::fs::write(folder.join("metadata.xml"), &broken).unwrap();
+        let said = expect(folder, "convert in.ply out.ply --force", 0);
+        assert!(said.contains("is not understood"), "{broken}: {said}");
+        let out = std::fs::read(folder.join("out.ply")).unwrap();
+        assert!(!String::from_utf8_lossy(&out).contains("offset: "), "{broken}");
+    }
 }
 
 #[test]

@@ -305,6 +305,15 @@ fn an_archive_is_read_with_all_that_its_mesh_names() {
     std::fs::write(at.join("none.zip"), zip(&files)).unwrap();
     let said = crate::common::expect(at, "convert none.zip none.glb", 3);
     assert!(said.contains("none.zip/s/red.bmp") && !said.contains("/.stonecut"), "{said}");
+    // What lies outside of an archive is not taken into the output.
+    std::fs::write(at.join("secret.bmp"), RED).unwrap();
+    let up = "../".repeat(20) + at.to_str().unwrap() + "/secret.bmp";
+    for name in [at.join("secret.bmp").to_str().unwrap(), &up] {
+        let mtl = format!("newmtl a\nmap_Kd {name}\n");
+        let files = [files[0], ("s/a.mtl", mtl.as_bytes())];
+        std::fs::write(at.join("out.zip"), zip(&files)).unwrap();
+        crate::common::expect(at, "convert out.zip out.glb --force", 3);
+    }
     // Names that no file can have belong to files that are missing.
     let long = format!("s/{}.bmp", "x".repeat(300));
     let files = [files[0], files[1], (&*long, RED), ("s/a\0.bmp", RED), ("s/a.mtl/red.bmp", RED)];

@@ -321,11 +321,15 @@ impl Materials {
         mut spool: Spool,
     ) -> Result<()> {
         let mut places = Vec::new();
+        let root = std::fs::canonicalize(folder).unwrap_or(folder.to_path_buf());
         for (i, image) in self.images.iter_mut().enumerate() {
             let ImageData::File(path) = &mut image.data else { continue };
-            let Ok(rest) = path.strip_prefix(folder).map(Path::to_path_buf) else { continue };
-            if path.is_file() {
-                let file = RawFile::open(path)?;
+            let last = || PathBuf::from(path.file_name().unwrap_or_default());
+            let rest = path.strip_prefix(folder).map_or_else(|_| last(), Path::to_path_buf);
+            // What lies outside belongs to others, and counts as missing.
+            let real = std::fs::canonicalize(&*path).ok();
+            if let Some(real) = real.filter(|real| real.starts_with(&root) && real.is_file()) {
+                let file = RawFile::open(&real)?;
                 places.push((i, spool.len(), file.len()));
                 spool.append_file(&file)?;
             }

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::placing::{Placing, SUBTRACTED, offset_in, offset_of, offset_words};
 use stonecut_system::error::Result;
-use stonecut_system::losses::Loss;
+use stonecut_system::losses::{Loss, LossKind};
 
 /// Offsets of maps are larger, and meshes that count from them are smaller than this share of the offset.
 const LEAST_FAR: f64 = 10_000.0;
@@ -77,7 +77,14 @@ impl MeshSource {
         if crs_in(self.comments()).is_some() {
             return None;
         }
-        let mut found = Georeference::beside(mesh)?;
+        let Some(mut found) = Georeference::beside(mesh) else {
+            if let Some(path) = Georeference::broken_beside(mesh) {
+                let loss =
+                    Loss::new(LossKind::Precision, "the place of the mesh", "is not understood");
+                self.staged.losses.lose(loss.example(format!("{}", path.display())));
+            }
+            return None;
+        };
         if found.crs.is_empty() && found.offset == [0.0; 3] {
             return None;
         }
