@@ -408,9 +408,10 @@ impl Command for Args {
         if self.job.force || self.job.restart || is_more {
             return None;
         }
-        let output = self.paths.output.display();
+        let config = self.config().ok()?;
+        let output = config.output.display();
         let line = format!("{output}: already done with the same settings; --force does it again");
-        done_before(&self.config().ok()?, report).map(|code| (code, line))
+        done_before(&config, report).map(|code| (code, line))
     }
 
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {

@@ -137,16 +137,7 @@ fn shade_and_factors_of_gltf_are_baked() {
     let shade = RgbImage::from_pixel(8, 8, Rgb([100, 7, 9]));
     shade.save(folder.join("shade.png")).unwrap();
     RgbImage::from_pixel(4, 4, Rgb([0, 200, 50])).save(folder.join("surface.png")).unwrap();
-    let mut bytes: Vec<u8> = Vec::new();
-    for x in [0f32, 2.0] {
-        for [x, y] in [[x, 0.0], [x + 1.0, 0.0], [x + 1.0, 1.0], [x, 1.0]] {
-            bytes.extend([x, y, 0.0].map(f32::to_le_bytes).as_flattened());
-        }
-    }
-    for uv in [[0f32, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]] {
-        bytes.extend(uv.map(f32::to_le_bytes).as_flattened());
-    }
-    bytes.extend([0u8, 1, 2, 0, 2, 3]);
+    let bytes = crate::opacity::two_squares([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0]]);
     let data = base64::engine::general_purpose::STANDARD.encode(&bytes);
     let accessor = |at: usize, component: u32, count: u32, kind: &str| json!({ "bufferView": 0, "byteOffset": at, "componentType": component, "count": count, "type": kind });
     let square = |positions: u32, material: u32| json!({ "attributes": { "POSITION": positions, "TEXCOORD_0": 2 }, "indices": 3, "material": material });

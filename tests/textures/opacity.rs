@@ -21,16 +21,11 @@ fn leaf(folder: &Path) {
     leaf.save(folder.join("leaf.png")).unwrap();
 }
 
-/// Two quads that show the leaf, without a word about opacity and with a mask:
-///
-/// ```text
-///   -1  opaque  1      2  mask  4
-/// ```
-fn two_quads(folder: &Path) {
-    leaf(folder);
+/// Numbers of a glTF file: corners of two squares (x and y of the lowest corner, side), coordinates and indices of each.
+pub fn two_squares(squares: [[f32; 3]; 2]) -> Vec<u8> {
     let mut bytes: Vec<u8> = Vec::new();
-    for x in [-1f32, 2.0] {
-        for [x, y] in [[x, -1.0], [x + 2.0, -1.0], [x + 2.0, 1.0], [x, 1.0]] {
+    for [x, y, side] in squares {
+        for [x, y] in [[x, y], [x + side, y], [x + side, y + side], [x, y + side]] {
             bytes.extend([x, y, 0.0].map(f32::to_le_bytes).as_flattened());
         }
     }
@@ -38,6 +33,17 @@ fn two_quads(folder: &Path) {
         bytes.extend(uv.map(f32::to_le_bytes).as_flattened());
     }
     bytes.extend([0u8, 1, 2, 0, 2, 3]);
+    bytes
+}
+
+/// Two quads that show the leaf, without a word about opacity and with a mask:
+///
+/// ```text
+///   -1  opaque  1      2  mask  4
+/// ```
+fn two_quads(folder: &Path) {
+    leaf(folder);
+    let bytes = two_squares([[-1.0, -1.0, 2.0], [2.0, -1.0, 2.0]]);
     let data = base64::engine::general_purpose::STANDARD.encode(&bytes);
     let accessor = |at: usize, component: u32, count: u32, kind: &str| json!({ "bufferView": 0, "byteOffset": at, "componentType": component, "count": count, "type": kind });
     let quad = |positions: u32, material: u32| json!({ "attributes": { "POSITION": positions, "TEXCOORD_0": 2 }, "indices": 3, "material": material });
