@@ -245,10 +245,7 @@ impl Original {
                 let is_known =
                     corners.iter().all(|&weights| map.leads_to_texels(uv_at(uv, weights)));
                 let per_unit = f64::from(self.per_unit(&mesh, t)) * map.texels_per_coordinate;
-                match is_known {
-                    true => densities.add(area, per_unit),
-                    false => n_lost += 1,
-                }
+                if is_known { densities.add(area, per_unit) } else { n_lost += 1 }
             }
             let mut look = look.lock().unwrap_or_else(PoisonError::into_inner);
             look.boxes[number] = Bounds::of(&mesh);

@@ -22,10 +22,7 @@ pub enum PageKind {
 impl PageKind {
     /// The kind of numbers, as JPEG where all images of these in the original are.
     pub(super) fn of_numbers(is_photographic: bool, channel: Option<u8>) -> PageKind {
-        match is_photographic {
-            true => PageKind::JpegNumbers(channel),
-            false => PageKind::Numbers(channel),
-        }
+        if is_photographic { PageKind::JpegNumbers(channel) } else { PageKind::Numbers(channel) }
     }
 
     /// The ending of files.

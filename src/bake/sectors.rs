@@ -75,10 +75,7 @@ fn angle([x, y]: [f64; 2]) -> f64 {
 
 /// A sector in one part, or in two where it holds the direction that angles begin with.
 fn parts([start, end]: [f64; 2]) -> [Option<[f64; 2]>; 2] {
-    match start <= end {
-        true => [Some([start, end]), None],
-        false => [Some([start, 4.0]), Some([0.0, end])],
-    }
+    if start <= end { [Some([start, end]), None] } else { [Some([start, 4.0]), Some([0.0, end])] }
 }
 
 #[cfg(test)]

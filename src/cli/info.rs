@@ -148,10 +148,7 @@ impl Command for Args {
         }
         let (source, report, list) = look(self, session.progress)?;
         let done = CommandEnd::whole(&report)?;
-        session.print(&match self.json {
-            true => json(&report)?,
-            false => table(&source, &report, list),
-        })?;
+        session.print(&if self.json { json(&report)? } else { table(&source, &report, list) })?;
         Ok(done)
     }
 }

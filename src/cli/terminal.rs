@@ -40,10 +40,7 @@ pub(super) fn shown(line: &str) -> Cow<'_, str> {
 /// Appends text with its unsafe characters escaped.
 fn put(text: &str, out: &mut String) {
     for c in text.chars() {
-        match is_unsafe(c) {
-            true => out.extend(c.escape_default()),
-            false => out.push(c),
-        }
+        if is_unsafe(c) { out.extend(c.escape_default()) } else { out.push(c) }
     }
 }
 

@@ -98,10 +98,7 @@ impl Command for Args {
         let progress = session.progress;
         progress.take_losses();
         checked.verified = checked.mismatches.is_empty();
-        let text = match self.json {
-            true => format!("{:#}\n", json(&checked)?),
-            false => lines(&checked),
-        };
+        let text = if self.json { format!("{:#}\n", json(&checked)?) } else { lines(&checked) };
         session.print(&text)?;
         let code = if checked.verified { 0 } else { EXIT_MISMATCH };
         Ok(CommandEnd { code, ..CommandEnd::whole(&checked)? })

@@ -180,10 +180,7 @@ impl<'a> Places<'a> {
             source.read_vertices(index, &mut block)?;
             for record in block.records.chunks_exact(source.schema().record_bytes()) {
                 let place = source.schema().position(record);
-                match is_single {
-                    true => single.push(place.map(|x| x as f32)),
-                    false => double.push(place),
-                }
+                if is_single { single.push(place.map(|x| x as f32)) } else { double.push(place) }
             }
         }
         Ok(if is_single { Places::Single(single) } else { Places::Double(double) })

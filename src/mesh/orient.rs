@@ -23,10 +23,7 @@ pub struct Oriented {
 /// Edges of more than two triangles do not connect. A component that cannot be turned right as a whole is left unless fewer edges
 /// disagree afterwards. Memory: `TRIANGLE_BYTES` a triangle where something is found, else one a vertex.
 pub fn orient(triangles: &mut [[u32; 3]], n_vertices: usize) -> Oriented {
-    match disagrees(triangles, n_vertices) {
-        true => orient_all(triangles),
-        false => Oriented::default(),
-    }
+    if disagrees(triangles, n_vertices) { orient_all(triangles) } else { Oriented::default() }
 }
 
 /// As `orient`, for meshes of which only few neighbours may disagree: looks at all of them.

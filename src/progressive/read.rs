@@ -119,10 +119,7 @@ impl Refiner {
             let payload = self.read(&head, &remedy)?;
             let bad = |blocks: &BlockReader, what: &str| blocks.bad(at, what, &remedy);
             let layout = Layout { rows: &self.head.rows, has_keys: self.head.bits.is_none() };
-            let ranks = match layout.has_keys {
-                true => Ranks::default(),
-                false => self.replay.ranks(),
-            };
+            let ranks = if layout.has_keys { Ranks::default() } else { self.replay.ranks() };
             let mut steps = StepReader::new(&payload, head.n as usize, layout, ranks)
                 .map_err(|what| bad(&self.blocks, &what))?;
             // As far as the last mesh that is small enough, if no later block has one.

@@ -122,10 +122,7 @@ pub fn write(
     let n_base = teller.replay.keys.len();
     for (block, &least) in blocks.into_iter().zip(&leasts) {
         check()?;
-        let ranks = match layout.has_keys {
-            true => Ranks::default(),
-            false => teller.replay.ranks(),
-        };
+        let ranks = if layout.has_keys { Ranks::default() } else { teller.replay.ranks() };
         let mut out = StepWriter::new(layout, ranks);
         teller.tell(block, &mut out);
         let n = out.len();

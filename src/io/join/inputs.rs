@@ -244,10 +244,7 @@ fn add(path: &Path, limit: u64, set: &mut InputSet) -> Result<()> {
     }
     if path.is_dir() {
         let tree = path.join("tileset.json");
-        return match tree.is_file() {
-            true => add(&tree, limit, set),
-            false => add_folder(path, set),
-        };
+        return if tree.is_file() { add(&tree, limit, set) } else { add_folder(path, set) };
     }
     if is_tree(path) {
         let InputSet { parts, found_in, repeated, losses } = trees::parts_of(path, limit)?;

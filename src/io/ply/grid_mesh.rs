@@ -139,10 +139,7 @@ impl MeshSource {
                 below.vertices.clear();
                 for column in 0..grid.n_columns {
                     let number = row * grid.n_columns + column;
-                    let found = match is_cut_off {
-                        true => Ok(NONE),
-                        false => post(&mut scan, element),
-                    };
+                    let found = if is_cut_off { Ok(NONE) } else { post(&mut scan, element) };
                     let vertex = match found {
                         Ok(NONE) => NONE,
                         Ok(v) if v < self.n_vertices() && !self.bad_vertices.contains(v) => v,

@@ -237,9 +237,6 @@ fn middle(surface: &Surface) -> Vec3 {
         let sample = surface.vertices.iter().step_by(step);
         let mut along: Vec<f64> = sample.map(|vertex| vertex.position[k]).collect();
         let half = along.len() / 2;
-        match along.is_empty() {
-            true => 0.0,
-            false => *along.select_nth_unstable_by(half, f64::total_cmp).1,
-        }
+        if along.is_empty() { 0.0 } else { *along.select_nth_unstable_by(half, f64::total_cmp).1 }
     })
 }

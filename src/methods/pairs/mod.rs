@@ -311,9 +311,10 @@ impl Run {
         let along = stonecut_mesh::vec3::dot(sub(place, p), way) / length_sq(way);
         // Two vertices in one place: what the first one carries.
         carried.blend(a, b, if along.is_finite() { along.clamp(0.0, 1.0) } else { 0.0 });
-        match contraction.is_edge {
-            true => self.n_edges += 1,
-            false => self.n_pairs += 1,
+        if contraction.is_edge {
+            self.n_edges += 1
+        } else {
+            self.n_pairs += 1
         }
         self.n_cancelled += contraction.n_cancelled as u64;
         self.surface.replace(&contraction.hole, &contraction.filling);

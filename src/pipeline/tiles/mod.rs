@@ -225,10 +225,7 @@ fn run(
     }
     let (n_sets, set_bytes) = write_tilesets(&tree, &pending, disk)?;
     disk.disown(set_bytes);
-    let viewer_bytes = match config.viewer {
-        true => viewer::write_viewer(&pending, disk)?,
-        false => 0,
-    };
+    let viewer_bytes = if config.viewer { viewer::write_viewer(&pending, disk)? } else { 0 };
     disk.sync_all_below(&pending)?;
     let set = pending.join(FILE_NAME);
     let text = std::fs::read(&set).map_err(|e| Error::reading(&set, "cannot read", e))?;

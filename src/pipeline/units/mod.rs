@@ -183,10 +183,7 @@ fn n_parts(source: &MeshSource, pieces: Pieces) -> Result<u32> {
     if !source.is_read_in_place() {
         return Ok(1);
     }
-    let most = match is_local(source)? {
-        true => pieces.units,
-        false => pieces.units.min(PARTS_IN_NO_ORDER),
-    };
+    let most = if is_local(source)? { pieces.units } else { pieces.units.min(PARTS_IN_NO_ORDER) };
     let enough = source.n_triangles() / TRIANGLES_OF_A_PART;
     Ok(pieces.parts.unwrap_or_else(|| enough.clamp(1, u64::from(most)) as u32))
 }

@@ -146,10 +146,7 @@ fn note(
             payload.clear();
         }
     }
-    match payload.is_empty() {
-        true => Ok(()),
-        false => pack.append(number, ChunkKind::Foreign, &payload),
-    }
+    if payload.is_empty() { Ok(()) } else { pack.append(number, ChunkKind::Foreign, &payload) }
 }
 
 fn encode((id, cell): Foreign) -> [u8; FOREIGN_BYTES] {
@@ -184,10 +181,7 @@ impl Halo {
         let (mut low, mut high) = (0, self.n_rows);
         while low < high {
             let middle = low + (high - low) / 2;
-            match self.row(middle)?.0 < first {
-                true => low = middle + 1,
-                false => high = middle,
-            }
+            if self.row(middle)?.0 < first { low = middle + 1 } else { high = middle }
         }
         Ok(Cursor { halo: self, at: low, buffer: Vec::new(), next: 0 })
     }
