@@ -78,13 +78,13 @@ impl<const N: usize> ExternalSort<N> {
         let mut heap = BinaryHeap::new();
         for (i, run) in runs.iter_mut().enumerate() {
             if let Some(record) = run.pop(&file, buffer)? {
-                heap.push(Head { record, run: i });
+                heap.push(RunHead { record, run: i });
             }
         }
-        while let Some(Head { record, run: i }) = heap.pop() {
+        while let Some(RunHead { record, run: i }) = heap.pop() {
             each(record)?;
             if let Some(record) = runs[i].pop(&file, buffer)? {
-                heap.push(Head { record, run: i });
+                heap.push(RunHead { record, run: i });
             }
         }
         Ok(())
@@ -101,31 +101,31 @@ fn order<const N: usize>(a: &[u32; N], b: &[u32; N]) -> Ordering {
 }
 
 /// The first record of a run; the least one is the greatest in a heap.
-struct Head<const N: usize> {
+struct RunHead<const N: usize> {
     record: [u32; N],
     run: usize,
 }
 
-impl<const N: usize> Ord for Head<N> {
+impl<const N: usize> Ord for RunHead<N> {
     #[inline(always)]
     fn cmp(&self, other: &Self) -> Ordering {
         order(&other.record, &self.record).then(other.run.cmp(&self.run))
     }
 }
 
-impl<const N: usize> PartialOrd for Head<N> {
+impl<const N: usize> PartialOrd for RunHead<N> {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
-impl<const N: usize> PartialEq for Head<N> {
+impl<const N: usize> PartialEq for RunHead<N> {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other) == Ordering::Equal
     }
 }
 
-impl<const N: usize> Eq for Head<N> {}
+impl<const N: usize> Eq for RunHead<N> {}
 
 /// The unread rest of a sorted run.
 struct SortedRun<const N: usize> {

@@ -132,7 +132,7 @@ pub struct TriangleSizes {
 
 /// Triangles of a block of faces, and their counts and areas: near ones, far ones.
 #[derive(Default)]
-struct Sizes {
+struct SizeSums {
     block: FaceBlock,
     counts: [u64; 2],
     areas: [f64; 2],
@@ -163,7 +163,7 @@ impl TriangleSizes {
         let positions = positions(source, threads, progress)?;
         let unit = Unit::around(&Bounds::around(&positions));
         let region = region.in_unit(unit);
-        let look = |index, out: &mut Sizes| {
+        let look = |index, out: &mut SizeSums| {
             source.read_faces(index, &mut out.block)?;
             (out.counts, out.areas) = ([0; 2], [0.0; 2]);
             for corners in &out.block.triangles {

@@ -9,7 +9,7 @@ use stonecut_system::error::Result;
 use stonecut_system::progress::Progress;
 
 /// Positions in input units, triangles, and faults that were left out.
-pub(super) struct Loaded {
+pub(super) struct LoadedMesh {
     pub(super) positions: Vec<Vec3>,
     pub(super) triangles: Vec<[u32; 3]>,
     pub(super) faults: BTreeMap<String, u64>,
@@ -23,7 +23,7 @@ pub(super) fn load_bytes(source: &MeshSource) -> u64 {
 
 /// Reads all vertices and triangles; these must be few enough for 32-bit numbers. Repeated triangles are dropped, and those that
 /// disagree with most of their component turned over.
-pub(super) fn load(source: &MeshSource, progress: &Progress) -> Result<Loaded> {
+pub(super) fn load(source: &MeshSource, progress: &Progress) -> Result<LoadedMesh> {
     let mut positions = Vec::with_capacity(source.n_vertices() as usize);
     for_records(source, progress, |_, record| positions.push(source.schema().position(record)))?;
     let mut triangles = Vec::with_capacity(source.n_triangles() as usize);
@@ -43,7 +43,7 @@ pub(super) fn load(source: &MeshSource, progress: &Progress) -> Result<Loaded> {
         ("duplicate_faces".to_owned(), n_repeats),
         ("bad_faces".to_owned(), n_bad),
     ]);
-    Ok(Loaded { positions, triangles, faults })
+    Ok(LoadedMesh { positions, triangles, faults })
 }
 
 /// Gives the record of every vertex, in order.

@@ -376,7 +376,7 @@ pub struct RunReport {
     pub pairs: Option<PairsReport>,
     /// Moves of `--optimize`; only with it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub optimization: Option<crate::optimize::Outcome>,
+    pub optimization: Option<crate::optimize::OptimizeOutcome>,
 }
 
 /// Reason why collapsing ended; its words are those of `RunReport::stop_reason`.

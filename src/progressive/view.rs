@@ -53,7 +53,7 @@ pub fn refine_for_view(
 ) -> Result<(Refiner, Viewed)> {
     let mut whole = open()?;
     let rows = whole.rows().clone();
-    let sight = Sight::new(view);
+    let sight = ViewSight::new(view);
     let mut graph = Graph::default();
     whole.refine_watched(u64::MAX, check, &mut |replay, step| {
         graph.add(replay, step, sight.sees_step(&rows, replay, step));
@@ -78,7 +78,7 @@ pub fn refine_for_view(
 }
 
 /// A view, prepared.
-struct Sight {
+struct ViewSight {
     eye: Vec3,
     forward: Vec3,
     /// Half the angle of the cone around the picture's corners.
@@ -88,12 +88,12 @@ struct Sight {
     pixels: f64,
 }
 
-impl Sight {
-    fn new(view: &View) -> Sight {
+impl ViewSight {
+    fn new(view: &View) -> ViewSight {
         let forward = sub(view.target, view.eye);
         let length = length_sq(forward).sqrt();
         let tan = (view.degrees.to_radians() / 2.0).tan();
-        Sight {
+        ViewSight {
             eye: view.eye,
             forward: scale(forward, 1.0 / length.max(f64::MIN_POSITIVE)),
             half: (tan * std::f64::consts::SQRT_2).atan(),

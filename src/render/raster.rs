@@ -129,7 +129,7 @@ pub(super) struct Frame {
 }
 
 /// A corner in the picture.
-struct Projected {
+struct ProjectedCorner {
     x: f32,
     y: f32,
     nearness: f32,
@@ -172,10 +172,10 @@ impl Frame {
         self.limits.get(at).is_none_or(|limit| nearness < *limit)
     }
 
-    fn project(&self, place: [f32; 3]) -> Option<Projected> {
+    fn project(&self, place: [f32; 3]) -> Option<ProjectedCorner> {
         let depth = self.distance - place[2];
         let nearness = 1.0 / depth;
-        (depth > self.near).then(|| Projected {
+        (depth > self.near).then(|| ProjectedCorner {
             x: self.centre[0] + self.focal * place[0] * nearness,
             y: self.centre[1] - self.focal * place[1] * nearness,
             nearness,
@@ -226,7 +226,7 @@ impl Frame {
     fn small(
         &mut self,
         corners: &[Corner; 3],
-        p: &[Projected; 3],
+        p: &[ProjectedCorner; 3],
         area: f32,
         shown: Option<Shown>,
     ) {
@@ -284,7 +284,7 @@ impl Frame {
     fn large(
         &mut self,
         corners: &[Corner; 3],
-        p: &[Projected; 3],
+        p: &[ProjectedCorner; 3],
         area: f32,
         (low, high): ([f32; 2], [f32; 2]),
         style: Style,
@@ -447,7 +447,7 @@ struct Slopes {
 impl Slopes {
     fn new(
         corners: &[Corner; 3],
-        p: &[Projected; 3],
+        p: &[ProjectedCorner; 3],
         q: &[(f64, f64); 3],
         per_area: f64,
         texels: [f32; 2],
@@ -484,7 +484,7 @@ impl Slopes {
 }
 
 /// Returns whether a triangle covers a point of the picture.
-fn inside(p: &[Projected; 3], area: f32, x: f32, y: f32) -> bool {
+fn inside(p: &[ProjectedCorner; 3], area: f32, x: f32, y: f32) -> bool {
     (0..3).all(|i| {
         let (a, b) = (&p[(i + 1) % 3], &p[(i + 2) % 3]);
         ((b.x - x) * (a.y - y) - (a.x - x) * (b.y - y)) * area.signum() >= 0.0

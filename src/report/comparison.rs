@@ -59,7 +59,7 @@ pub struct Absent {
 
 /// Shapes of the triangles of a mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
-struct Shapes {
+struct ShapeCounts {
     /// Triangles by their smallest angle, in bins of one degree.
     counts: Vec<f64>,
     /// Median of the smallest angles, in degrees.
@@ -70,8 +70,8 @@ struct Shapes {
     mean_edge: f64,
 }
 
-impl Shapes {
-    fn of(mesh: &Mesh) -> Shapes {
+impl ShapeCounts {
+    fn of(mesh: &Mesh) -> ShapeCounts {
         let mut all: Vec<f64> =
             (0..mesh.triangles.len()).map(|t| smallest(mesh.corners(t))).collect();
         all.sort_by(f64::total_cmp);
@@ -84,7 +84,7 @@ impl Shapes {
             [sub(q, p), sub(r, q), sub(p, r)].map(|edge| length_sq(edge).sqrt()).iter().sum::<f64>()
         };
         let lengths: f64 = (0..mesh.triangles.len()).map(|t| around(mesh.corners(t))).sum();
-        Shapes { counts, median, slivers: slivers / n, mean_edge: lengths / (3.0 * n) }
+        ShapeCounts { counts, median, slivers: slivers / n, mean_edge: lengths / (3.0 * n) }
     }
 
     /// The share of all triangles in each bin.
@@ -156,7 +156,7 @@ pub fn html(
         .collect::<Result<_>>()?;
     let mut shapes = Vec::new();
     for source in &sources[1..] {
-        shapes.push(Shapes::of(&load::load(source, resources.threads, progress)?.mesh));
+        shapes.push(ShapeCounts::of(&load::load(source, resources.threads, progress)?.mesh));
     }
     let name = original.file_name().unwrap_or(original.as_os_str());
     let title = format!("Methods on {}", name.to_string_lossy());
@@ -196,7 +196,7 @@ enum Best {
     None,
 }
 
-fn rows(contenders: &[Contender], shapes: &[Shapes]) -> Vec<Row> {
+fn rows(contenders: &[Contender], shapes: &[ShapeCounts]) -> Vec<Row> {
     let of = |name: &'static str, best: Best, value: &dyn Fn(&Contender) -> Value| Row {
         name,
         values: contenders.iter().map(value).collect(),
@@ -207,7 +207,8 @@ fn rows(contenders: &[Contender], shapes: &[Shapes]) -> Vec<Row> {
         |value: &Value| json!((value.as_f64().unwrap_or(0.0) / MEBIBYTE).round() as u64);
     let percent = |x: f64| json!((x * 1e4).round() / 100.0);
     // Near 100 the triangles are too few for the scan, whatever the count that was met.
-    let error_per_edge = |(c, shapes): (&Contender, &Shapes)| match c.measured["rms"].as_f64() {
+    let error_per_edge = |(c, shapes): (&Contender, &ShapeCounts)| match c.measured["rms"].as_f64()
+    {
         Some(rms) if shapes.mean_edge > 0.0 => percent(rms / shapes.mean_edge),
         _ => Value::Null,
     };
@@ -244,7 +245,7 @@ fn rows(contenders: &[Contender], shapes: &[Shapes]) -> Vec<Row> {
     ]
 }
 
-fn table(contenders: &[Contender], shapes: &[Shapes], out: &mut String) {
+fn table(contenders: &[Contender], shapes: &[ShapeCounts], out: &mut String) {
     out.push_str("<div class=\"scroll\"><table><thead><tr><th></th>");
     for contender in contenders {
         let _ = write!(out, "<th>{}</th>", escape(&contender.name));
@@ -277,7 +278,7 @@ fn table(contenders: &[Contender], shapes: &[Shapes], out: &mut String) {
     out.push_str("</table></div>");
 }
 
-fn plots(contenders: &[Contender], shapes: &[Shapes], out: &mut String) {
+fn plots(contenders: &[Contender], shapes: &[ShapeCounts], out: &mut String) {
     let number = |value: &Value| value.as_f64().unwrap_or(0.0);
     let all = |value: &dyn Fn(&Contender) -> f64| -> Vec<(String, f64)> {
         contenders.iter().map(|c| (c.name.clone(), value(c))).collect()
@@ -291,7 +292,7 @@ fn plots(contenders: &[Contender], shapes: &[Shapes], out: &mut String) {
         let _ = write!(out, "<section><h3>{title}</h3>{}</section>", bars(title, &rows, unit));
     }
     out.push_str("</div><h2>Smallest angles of triangles</h2><div class=\"plots\">");
-    let most = shapes.iter().flat_map(Shapes::shares).fold(0.0, f64::max);
+    let most = shapes.iter().flat_map(ShapeCounts::shares).fold(0.0, f64::max);
     for (contender, shapes) in contenders.iter().zip(shapes) {
         let name = escape(&contender.name);
         let _ = write!(out, "<section><h3>{name}</h3>{}</section>", shapes.plot(most));
@@ -342,7 +343,7 @@ mod tests {
             [2.0, 0.0, 0.0],
         ];
         let mesh = Mesh::new(positions, vec![[0, 1, 2], [0, 1, 3], [0, 1, 4]]);
-        let shapes = Shapes::of(&mesh);
+        let shapes = ShapeCounts::of(&mesh);
         assert!((shapes.median - 45.0).abs() < 1e-9 && (shapes.slivers - 1.0 / 3.0).abs() < 1e-9);
         assert_eq!((shapes.counts[0], shapes.counts.iter().sum::<f64>()), (1.0, 3.0));
         assert!((shapes.mean_edge - (9.0 + 2.0f64.sqrt()) / 9.0).abs() < 1e-9, "{shapes:?}");
@@ -359,8 +360,8 @@ mod tests {
         };
         let both = [contender("a<b", 0.5), contender("c", 0.25)];
         let mut out = String::new();
-        let shapes = Shapes { mean_edge: 2.0, ..Shapes::default() };
-        table(&both, &[shapes, Shapes::default()], &mut out);
+        let shapes = ShapeCounts { mean_edge: 2.0, ..ShapeCounts::default() };
+        table(&both, &[shapes, ShapeCounts::default()], &mut out);
         assert!(out.contains("… of the mean edge, %</th><td>25</td><td>-</td>"), "{out}");
         assert!(out.contains("<td>0.500</td><td class=\"best\">0.250</td>"), "{out}");
         assert!(out.contains("a&lt;b") && !out.contains("a<b"));

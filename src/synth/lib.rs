@@ -184,7 +184,7 @@ fn write_surface(
     writing: Writing,
     progress: &Progress,
     surface: &dyn Surface,
-    rooms: Option<&Counted<Rooms>>,
+    rooms: Option<&CountedSurface<Rooms>>,
 ) -> Result<Counts> {
     let mut counts =
         Counts { n_vertices: surface.n_vertices(), n_triangles: surface.n_faces(), n_images: 0 };
@@ -248,12 +248,12 @@ pub fn write_tiles(
     let kind = writing.format.kind.unwrap_or(OutputKind::Ply);
     let format = OutputFormat { kind: Some(kind), ..writing.format };
     let is_textured = matches!(kind, OutputKind::Ply | OutputKind::Obj);
-    let cut_one = |surface: &dyn Surface, rooms: Option<&Counted<Rooms>>| {
+    let cut_one = |surface: &dyn Surface, rooms: Option<&CountedSurface<Rooms>>| {
         progress.begin("synth", 1, 1, surface.n_faces());
         let layout = FileProperties { uv: settings.uv && rooms.is_none(), ..layout(settings) };
         let header = header(settings, layout, surface);
         let stream = Stream { surface, layout, threads: writing.threads, progress };
-        tiles::write(folder, &tiles::Whole { stream, rooms, header }, cut, format)
+        tiles::write(folder, &tiles::WholeScan { stream, rooms, header }, cut, format)
     };
     if settings.kind == Kind::Rooms && is_textured {
         let rooms = counted_rooms(settings, writing.threads, progress)?;
@@ -348,21 +348,25 @@ fn surface(settings: &Settings, threads: usize, progress: &Progress) -> Result<B
         Kind::Statue => {
             ordered(statue::Statue::new(n_triangles, seed, color, settings.noise), settings)
         }
-        Kind::Gyroid => Box::new(Counted::at_least(n_triangles, threads, progress, |scale| {
-            gyroid::Gyroid::new(n_triangles, scale, seed, color)
-        })?),
-        Kind::Scans => Box::new(Counted::at_least(n_triangles, threads, progress, |scale| {
-            scans::Scans::new(n_triangles, scale, seed)
-        })?),
+        Kind::Gyroid => {
+            Box::new(CountedSurface::at_least(n_triangles, threads, progress, |scale| {
+                gyroid::Gyroid::new(n_triangles, scale, seed, color)
+            })?)
+        }
+        Kind::Scans => {
+            Box::new(CountedSurface::at_least(n_triangles, threads, progress, |scale| {
+                scans::Scans::new(n_triangles, scale, seed)
+            })?)
+        }
         Kind::Rooms => Box::new(counted_rooms(settings, threads, progress)?),
         Kind::Foam => {
             let foam = foam::Foam::new(n_triangles, seed, color);
-            Box::new(Counted::new(foam, threads, progress)?)
+            Box::new(CountedSurface::new(foam, threads, progress)?)
         }
         Kind::Volume => {
             let scanner =
                 Scanner { seed, noise: settings.noise, integer: settings.integer, colored: color };
-            Box::new(Counted::near(n_triangles, threads, progress, |scale| {
+            Box::new(CountedSurface::near(n_triangles, threads, progress, |scale| {
                 Volume::new(n_triangles, scale, scanner)
             })?)
         }
@@ -373,10 +377,10 @@ fn counted_rooms(
     settings: &Settings,
     threads: usize,
     progress: &Progress,
-) -> Result<Counted<Rooms>> {
+) -> Result<CountedSurface<Rooms>> {
     let Settings { n_triangles, seed, .. } = *settings;
     let n_pages = settings.pages.unwrap_or((n_triangles / 25_000).clamp(1, 1000));
-    Counted::near(n_triangles, threads, progress, |scale| {
+    CountedSurface::near(n_triangles, threads, progress, |scale| {
         Rooms::new(n_triangles, scale, n_pages, seed)
     })
 }

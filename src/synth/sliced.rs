@@ -34,7 +34,7 @@ pub(super) trait Sliced: Sync {
 }
 
 /// A sliced surface with its counts. Memory: 24 bytes a block.
-pub(super) struct Counted<S> {
+pub(super) struct CountedSurface<S> {
     surface: S,
     first_vertex: Vec<[u64; 2]>,
     first_face: Vec<u64>,
@@ -42,7 +42,7 @@ pub(super) struct Counted<S> {
     n_faces: u64,
 }
 
-impl<S: Sliced> Counted<S> {
+impl<S: Sliced> CountedSurface<S> {
     /// Counts all blocks on `threads` threads.
     pub(super) fn new(surface: S, threads: usize, progress: &Progress) -> Result<Self> {
         let (mut n_vertices, mut n_faces) = (0, 0);
@@ -58,7 +58,7 @@ impl<S: Sliced> Counted<S> {
             n_faces += counts.faces;
             Ok(())
         })?;
-        Ok(Counted { surface, first_vertex, first_face, n_vertices, n_faces })
+        Ok(CountedSurface { surface, first_vertex, first_face, n_vertices, n_faces })
     }
 
     /// Returns the surface that was counted.
@@ -81,7 +81,7 @@ impl<S: Sliced> Counted<S> {
     ) -> Result<Self> {
         let mut scale = 1.0;
         loop {
-            let counted = Counted::new(make(scale), threads, progress)?;
+            let counted = CountedSurface::new(make(scale), threads, progress)?;
             if counted.n_faces >= n_triangles {
                 return Ok(counted);
             }
@@ -102,7 +102,7 @@ impl<S: Sliced> Counted<S> {
         // Few triangles come in leaps; then the best of the tries is taken.
         let mut best: Option<Self> = None;
         for _ in 0..12 {
-            let counted = Counted::new(make(scale), threads, progress)?;
+            let counted = CountedSurface::new(make(scale), threads, progress)?;
             let n_faces = counted.n_faces;
             if n_faces >= n_triangles && best.as_ref().is_none_or(|b| n_faces < b.n_faces) {
                 best = Some(counted);
@@ -117,12 +117,14 @@ impl<S: Sliced> Counted<S> {
         }
         match best {
             Some(best) => Ok(best),
-            None => Counted::at_least(n_triangles, threads, progress, |more| make(scale * more)),
+            None => {
+                CountedSurface::at_least(n_triangles, threads, progress, |more| make(scale * more))
+            }
         }
     }
 }
 
-impl<S: Sliced> Surface for Counted<S> {
+impl<S: Sliced> Surface for CountedSurface<S> {
     fn n_vertices(&self) -> u64 {
         self.n_vertices
     }

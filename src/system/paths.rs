@@ -74,7 +74,7 @@ pub struct Paths {
 
 /// Key that is equal for two paths to the same file.
 #[derive(PartialEq, Eq)]
-enum Key {
+enum FileKey {
     /// There is a file: device and inode.
     File(u64, u64),
     /// There is none yet: device and inode of the folder, and the name.
@@ -137,7 +137,7 @@ impl Paths {
     }
 
     fn check_clashes(&self) -> Result<()> {
-        let keys: Vec<Key> = self.rows.iter().map(|row| row.key()).collect();
+        let keys: Vec<FileKey> = self.rows.iter().map(|row| row.key()).collect();
         for (i, a) in self.rows.iter().enumerate() {
             for (j, b) in self.rows.iter().enumerate().skip(i + 1) {
                 if a.is_read() && b.is_read() && !(a.is_stream() && b.is_stream()) {
@@ -145,7 +145,7 @@ impl Paths {
                 }
                 let are_folders = a.role == Role::TempDir || b.role == Role::TempDir;
                 // Standard input and standard output are two things, but each can be used only once.
-                let is_once = keys[i] != Key::Stream || a.is_read() == b.is_read();
+                let is_once = keys[i] != FileKey::Stream || a.is_read() == b.is_read();
                 if keys[i] == keys[j] && is_once && !are_folders {
                     return Err(Error::Usage(format!(
                         "{} and {} are the same file, {}; give each its own path",
@@ -206,17 +206,17 @@ impl Row {
         matches!(self.role, Role::Input | Role::Output) && self.path == Path::new("-")
     }
 
-    fn key(&self) -> Key {
+    fn key(&self) -> FileKey {
         if self.is_stream() {
-            return Key::Stream;
+            return FileKey::Stream;
         }
         let identity = |path: &Path| std::fs::metadata(path).map(|m| (m.dev(), m.ino()));
         if let Ok((device, inode)) = identity(&self.path) {
-            return Key::File(device, inode);
+            return FileKey::File(device, inode);
         }
         match (identity(folder_of(&self.path)), self.path.file_name()) {
-            (Ok((device, inode)), Some(name)) => Key::Name(device, inode, name.to_owned()),
-            _ => Key::Nowhere(std::path::absolute(&self.path).unwrap_or(self.path.clone())),
+            (Ok((device, inode)), Some(name)) => FileKey::Name(device, inode, name.to_owned()),
+            _ => FileKey::Nowhere(std::path::absolute(&self.path).unwrap_or(self.path.clone())),
         }
     }
 

@@ -171,16 +171,16 @@ pub fn refuse_linked(folder: &Path) -> Result<()> {
     }
 }
 
-enum Out {
+enum Destination {
     File(DiskFile),
     Stdout(File),
 }
 
-impl Out {
+impl Destination {
     fn append(&mut self, bytes: &[u8]) -> Result<()> {
         match self {
-            Out::File(file) => file.append(bytes),
-            Out::Stdout(file) => file.write_all(bytes).map_err(Error::stdout),
+            Destination::File(file) => file.append(bytes),
+            Destination::Stdout(file) => file.write_all(bytes).map_err(Error::stdout),
         }
     }
 }
@@ -190,7 +190,7 @@ pub struct PendingFile {
     place: Place,
     /// The hidden name that the file has now, if it has one.
     temporary: Option<PathBuf>,
-    out: Out,
+    out: Destination,
     buffer: Vec<u8>,
     n_bytes: u64,
 }
@@ -204,14 +204,14 @@ impl PendingFile {
         let out = if target == Path::new("-") {
             let stdout = std::io::stdout();
             let fd = std::os::fd::AsFd::as_fd(&stdout).try_clone_to_owned();
-            Out::Stdout(File::from(fd.map_err(Error::stdout)?))
+            Destination::Stdout(File::from(fd.map_err(Error::stdout)?))
         } else {
             let name = target.file_name().ok_or_else(|| {
                 Error::Usage(format!("'{}' names no file to write", target.display()))
             })?;
             refuse_irregular(target)?;
             let nameless = place.disk.create_nameless(target)?;
-            Out::File(match nameless.filter(|_| can_link()) {
+            Destination::File(match nameless.filter(|_| can_link()) {
                 Some(file) => file,
                 None => {
                     sweep(&place.disk, target, name);
@@ -255,8 +255,8 @@ impl PendingFile {
         self.flush()?;
         let mut bytes = vec![0; self.n_bytes as usize];
         match &self.out {
-            Out::File(file) => file.read_at(&mut bytes, 0)?,
-            Out::Stdout(_) => bytes.clear(),
+            Destination::File(file) => file.read_at(&mut bytes, 0)?,
+            Destination::Stdout(_) => bytes.clear(),
         }
         Ok(bytes)
     }
@@ -264,7 +264,7 @@ impl PendingFile {
     /// Syncs, gives the file its name and syncs the folder; returns the file's length.
     pub fn finish(mut self) -> Result<u64> {
         self.flush()?;
-        let Out::File(file) = &mut self.out else { return Ok(self.n_bytes) };
+        let Destination::File(file) = &mut self.out else { return Ok(self.n_bytes) };
         file.sync()?;
         let target = self.place.path.clone();
         let disk = self.place.disk.clone();

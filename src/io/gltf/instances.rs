@@ -4,7 +4,7 @@
 use super::buffers::Buffers;
 use super::elements::{BLOCK, Elements};
 use super::json::{Document, Instances};
-use super::scene::{MAX_PLACED, Placed, Placement, placed};
+use super::scene::{MAX_PLACED, NodePlacement, Placed, placed};
 use crate::ply::raw::RawFile;
 use stonecut_system::error::Result;
 
@@ -31,7 +31,7 @@ pub(super) fn all_placed(
         match document.nodes.get(node).and_then(|node| node.extensions.instances.as_ref()) {
             None => out.push(Placed { mesh, node, at }),
             Some(instances) => {
-                let each = |inner: Placement| Placed { mesh, node, at: inner.inside(&at) };
+                let each = |inner: NodePlacement| Placed { mesh, node, at: inner.inside(&at) };
                 out.extend(placements(file, instances, buffers)?.into_iter().map(each));
             }
         }
@@ -47,7 +47,7 @@ fn placements(
     file: &RawFile,
     instances: &Instances,
     buffers: &mut Buffers,
-) -> Result<Vec<Placement>> {
+) -> Result<Vec<NodePlacement>> {
     let mut parts: Vec<Option<Elements>> = Vec::new();
     for (name, default) in PARTS {
         let number = instances.attributes.get(name);
@@ -80,7 +80,7 @@ fn placements(
                 rows[k].get(i * default.len()..(i + 1) * default.len()).unwrap_or(default)
             };
             let (shift, turn, scale) = (value(0), value(1), value(2));
-            out.push(Placement::new(
+            out.push(NodePlacement::new(
                 [shift[0], shift[1], shift[2]],
                 [turn[0], turn[1], turn[2], turn[3]],
                 [scale[0], scale[1], scale[2]],

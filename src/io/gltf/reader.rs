@@ -132,7 +132,7 @@ struct Piece<'a> {
     name: i32,
     /// The kind of its primitives, as they are read.
     mode: u32,
-    at: Placement,
+    at: NodePlacement,
     positions: Elements,
     normals: Option<Elements>,
     colours: Option<Elements>,

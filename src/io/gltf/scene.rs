@@ -9,7 +9,7 @@ pub(super) const MAX_PLACED: usize = 1 << 20;
 
 /// Linear part by rows, and translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Placement {
+pub(super) struct NodePlacement {
     pub(super) rows: [[f64; 3]; 3],
     pub(super) shift: [f64; 3],
 }
@@ -19,21 +19,23 @@ pub(super) struct Placed {
     pub(super) mesh: usize,
     /// The node that has it.
     pub(super) node: usize,
-    pub(super) at: Placement,
+    pub(super) at: NodePlacement,
 }
 
-impl Placement {
-    const NONE: Placement =
-        Placement { rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], shift: [0.0; 3] };
+impl NodePlacement {
+    const NONE: NodePlacement = NodePlacement {
+        rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        shift: [0.0; 3],
+    };
 
     /// The local placement of a node.
-    fn of(node: &Node) -> Placement {
+    fn of(node: &Node) -> NodePlacement {
         if let Some(m) = node.matrix {
             // Columns come one after another.
             let rows = [0, 1, 2].map(|r| [0, 1, 2].map(|c| m[4 * c + r]));
-            return Placement { rows, shift: [m[12], m[13], m[14]] };
+            return NodePlacement { rows, shift: [m[12], m[13], m[14]] };
         }
-        Placement::new(
+        NodePlacement::new(
             node.translation.unwrap_or_default(),
             node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]),
             node.scale.unwrap_or([1.0; 3]),
@@ -41,14 +43,14 @@ impl Placement {
     }
 
     /// Scaled, then turned by a quaternion, then shifted.
-    pub(super) fn new(shift: [f64; 3], [x, y, z, w]: [f64; 4], scale: [f64; 3]) -> Placement {
+    pub(super) fn new(shift: [f64; 3], [x, y, z, w]: [f64; 4], scale: [f64; 3]) -> NodePlacement {
         let turn = [
             [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
             [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
             [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
         ];
         let rows = turn.map(|row| [0, 1, 2].map(|c| row[c] * scale[c]));
-        Placement { rows, shift }
+        NodePlacement { rows, shift }
     }
 
     /// The image of a point.
@@ -58,8 +60,8 @@ impl Placement {
     }
 
     /// This one, shifted.
-    pub(super) fn moved(&self, by: [f64; 3]) -> Placement {
-        Placement { rows: self.rows, shift: [0, 1, 2].map(|r| self.shift[r] + by[r]) }
+    pub(super) fn moved(&self, by: [f64; 3]) -> NodePlacement {
+        NodePlacement { rows: self.rows, shift: [0, 1, 2].map(|r| self.shift[r] + by[r]) }
     }
 
     fn direction(&self, p: [f64; 3]) -> [f64; 3] {
@@ -67,12 +69,12 @@ impl Placement {
     }
 
     /// This one inside another.
-    pub(super) fn inside(&self, outer: &Placement) -> Placement {
+    pub(super) fn inside(&self, outer: &NodePlacement) -> NodePlacement {
         let column =
             |c: usize| outer.direction([self.rows[0][c], self.rows[1][c], self.rows[2][c]]);
         let columns = [column(0), column(1), column(2)];
         let rows = [0, 1, 2].map(|r| [0, 1, 2].map(|c| columns[c][r]));
-        Placement { rows, shift: outer.point(self.shift) }
+        NodePlacement { rows, shift: outer.point(self.shift) }
     }
 
     /// Cofactors: what turns normals, up to their length.
@@ -109,8 +111,8 @@ pub(super) fn placed(file: &RawFile, document: &Document) -> Result<Vec<Placed>>
         }
     };
     let mut seen = vec![false; nodes.len()];
-    let mut open: Vec<(usize, Placement)> =
-        roots.into_iter().rev().map(|root| (root, Placement::NONE)).collect();
+    let mut open: Vec<(usize, NodePlacement)> =
+        roots.into_iter().rev().map(|root| (root, NodePlacement::NONE)).collect();
     let mut out = Vec::new();
     while let Some((number, outer)) = open.pop() {
         let Some(node) = nodes.get(number) else {
@@ -121,7 +123,7 @@ pub(super) fn placed(file: &RawFile, document: &Document) -> Result<Vec<Placed>>
                 "node {number} has two parents or is part of a circle; glTF wants a tree"
             )));
         }
-        let at = Placement::of(node).inside(&outer);
+        let at = NodePlacement::of(node).inside(&outer);
         if let Some(mesh) = node.mesh {
             out.push(Placed { mesh, node: number, at });
         }

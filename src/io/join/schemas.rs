@@ -10,7 +10,7 @@ use stonecut_mesh::property::{Property, Scalar, read_scalar, write_scalar};
 
 /// Properties of several meshes.
 #[derive(Debug, Default)]
-pub(super) struct Union {
+pub(super) struct SchemaUnion {
     pub properties: Vec<Property>,
     /// Number of the meshes that have each, and a sum that shows whether they are the same ones.
     having: Vec<(u64, u64)>,
@@ -19,7 +19,7 @@ pub(super) struct Union {
     colours: HashSet<String>,
 }
 
-impl Union {
+impl SchemaUnion {
     /// Takes in the properties of a mesh.
     pub fn add(&mut self, own: &[Property]) {
         self.n_meshes += 1;
@@ -190,7 +190,7 @@ mod tests {
         let mut floats =
             ["red", "green", "blue"].map(|name| Property::new(name, Scalar::F32)).to_vec();
         floats.push(Property::new("quality", Scalar::F32));
-        let mut union = Union::default();
+        let mut union = SchemaUnion::default();
         union.add(&bytes);
         union.add(&floats);
         let types: Vec<_> = union.properties.iter().map(|p| p.scalar).collect();

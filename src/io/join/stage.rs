@@ -7,7 +7,7 @@
 use super::inputs::left_out;
 use super::looks::{Looks, content};
 use super::places::{Places, is_place};
-use super::schemas::{Union, widest};
+use super::schemas::{SchemaUnion, widest};
 use super::sizes::odd_sizes;
 use super::{InputPaths, InputSet, MeshPart};
 use crate::borders::{BorderSpools, OpenBorders};
@@ -51,8 +51,8 @@ struct Gathered {
     borders: BorderSpools,
     rows: Vec<Rows>,
     coordinate: Scalar,
-    of_vertices: Union,
-    of_faces: Union,
+    of_vertices: SchemaUnion,
+    of_faces: SchemaUnion,
     texture: Option<TextureInfo>,
     looks: Looks,
     comments: Option<Vec<String>>,
@@ -187,8 +187,8 @@ impl Gathered {
             borders: BorderSpools::new(options),
             rows: Vec::new(),
             coordinate: Scalar::F32,
-            of_vertices: Union::default(),
-            of_faces: Union::default(),
+            of_vertices: SchemaUnion::default(),
+            of_faces: SchemaUnion::default(),
             texture: None,
             looks: Looks::default(),
             comments: None,

@@ -36,7 +36,7 @@ pub struct ObjWriter {
     names: Vec<String>,
     /// Faces on their way into order, if there are several names or materials.
     sort: Option<ByMaterial>,
-    chunk: Chunk,
+    chunk: TextChunk,
     n_coordinates: u64,
     vertices_left: u64,
     faces_left: u64,
@@ -44,7 +44,7 @@ pub struct ObjWriter {
 
 /// Rows of faces that are written together, behind the coordinates that they name.
 #[derive(Default)]
-struct Chunk {
+struct TextChunk {
     n_faces: usize,
     coordinates: Vec<u8>,
     faces: Vec<u8>,
@@ -108,7 +108,7 @@ impl ObjWriter {
             label_of,
             names,
             sort,
-            chunk: Chunk::default(),
+            chunk: TextChunk::default(),
             n_coordinates: 0,
             vertices_left: header.n_vertices,
             faces_left: header.n_faces,

@@ -103,7 +103,7 @@ impl FieldPlan {
             let FieldStep::Take(field) = *step else { continue };
             let rows = rows.chunks_exact(row_bytes);
             let records = records.chunks_exact_mut(record_bytes);
-            let column = Column { field, swap: self.swap };
+            let column = FieldColumn { field, swap: self.swap };
             match (field.wire == Wire::Plain(field.scalar), field.scalar.bytes()) {
                 (true, 1) => column.copy::<1>(rows, records),
                 (true, 2) => column.copy::<2>(rows, records),
@@ -116,12 +116,12 @@ impl FieldPlan {
 }
 
 /// One field over all rows of a block.
-struct Column {
+struct FieldColumn {
     field: Field,
     swap: bool,
 }
 
-impl Column {
+impl FieldColumn {
     fn copy<'a, const N: usize>(
         &self,
         rows: impl Iterator<Item = &'a [u8]>,

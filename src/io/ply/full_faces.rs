@@ -226,14 +226,14 @@ impl MeshSource {
     }
 
     /// The parts of a face.
-    fn kinds(&self) -> Vec<(Role, Kind)> {
+    fn kinds(&self) -> Vec<(FaceRole, Kind)> {
         let (list, texture) = (self.face().index_list(), self.texture_property());
         let kind = |(i, p): (usize, &HeaderProperty)| {
             let role = match p.kind {
-                _ if Some(i) == list => Role::Corners,
-                Kind::List { .. } if Some(&p.name) == texture.as_ref() => Role::Texture,
-                Kind::Scalar(_) if self.is_hidden(p) => Role::Hidden,
-                _ => Role::Other,
+                _ if Some(i) == list => FaceRole::Corners,
+                Kind::List { .. } if Some(&p.name) == texture.as_ref() => FaceRole::Texture,
+                Kind::Scalar(_) if self.is_hidden(p) => FaceRole::Hidden,
+                _ => FaceRole::Other,
             };
             (role, p.kind)
         };
@@ -243,7 +243,7 @@ impl MeshSource {
 
 /// Role of a property of a face.
 #[derive(Clone, Copy)]
-enum Role {
+enum FaceRole {
     Corners,
     Texture,
     Hidden,
@@ -253,7 +253,7 @@ enum Role {
 /// Reads a row; false if a corner names no vertex or, with `skip_bad`, if a part of it cannot be read.
 fn read<S: Scan>(
     scan: &mut S,
-    kinds: &[(Role, Kind)],
+    kinds: &[(FaceRole, Kind)],
     (n_vertices, skip_bad): (u64, bool),
     face: &mut FullFace,
 ) -> Scanned<bool> {
@@ -263,7 +263,7 @@ fn read<S: Scan>(
     face.values.clear();
     for &(role, kind) in kinds {
         match (role, kind) {
-            (Role::Corners, Kind::List { count, item }) => {
+            (FaceRole::Corners, Kind::List { count, item }) => {
                 let n = scan.count(count)?;
                 let most = (MAX_CORNERS, "corners");
                 is_whole &= items(scan, (item, n), most, skip_bad, |scan| {
@@ -271,7 +271,7 @@ fn read<S: Scan>(
                     Ok(())
                 })?;
             }
-            (Role::Texture, Kind::List { count, item }) => {
+            (FaceRole::Texture, Kind::List { count, item }) => {
                 let n = scan.count(count)?;
                 let most = (2 * MAX_CORNERS, "texture coordinates");
                 let mut first = None;
@@ -291,7 +291,7 @@ fn read<S: Scan>(
                 is_whole &= items(scan, (wire, 1), (1, "values"), skip_bad, |scan| {
                     scan.store(wire, scalar, value)
                 })?;
-                if !matches!(role, Role::Hidden) {
+                if !matches!(role, FaceRole::Hidden) {
                     face.values.extend_from_slice(value);
                 }
             }

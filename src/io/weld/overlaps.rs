@@ -35,7 +35,7 @@ pub(super) enum Overlap {
 }
 
 /// Vertices to be joined, and what they say of the parts.
-pub(super) struct Joined {
+pub(super) struct JoinedPairs {
     pub pairs: Pairs,
     pub overlap: Overlap,
     /// Parts of which no vertex is joined.
@@ -53,13 +53,13 @@ pub(super) fn pairs(
     borders: &OpenBorders,
     found: &Found,
     options: &StageOptions,
-) -> Result<Joined> {
+) -> Result<JoinedPairs> {
     let boxes = boxes(source, borders, found.distance);
     let (pairs, joined) = joined(source, borders, found, &[], options)?;
     let Lonely { ids, partners, alone } = lonely(source, borders, (&boxes, joined), options)?;
     let (n_inside, n_border) = (ids.len() / 8, borders.n_vertices());
     if n_inside < FEWEST.max((FEW * n_border as f64) as u64) || found.distance <= 0.0 {
-        return Ok(Joined { pairs, overlap: Overlap::None, alone });
+        return Ok(JoinedPairs { pairs, overlap: Overlap::None, alone });
     }
     let mut regions = vec![Vec::new(); boxes.len()];
     for (p, q) in partners {
@@ -77,7 +77,7 @@ pub(super) fn pairs(
         true => (wider, Overlap::Copies),
         false => (pairs, Overlap::Other { n_inside, n_border }),
     };
-    Ok(Joined { pairs, overlap, alone })
+    Ok(JoinedPairs { pairs, overlap, alone })
 }
 
 /// Boxes of the parts where they lie now, wider by the distance.

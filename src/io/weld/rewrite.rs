@@ -7,7 +7,7 @@
 use super::edits::Edits;
 use super::neighbours::{ITSELF_LAST, Neighbours, Pairs};
 use super::numbers::{Numbers, Rest};
-use super::overlaps::{self, Joined, Overlap};
+use super::overlaps::{self, JoinedPairs, Overlap};
 use super::splits;
 use super::survey::{Found, each_position};
 use crate::borders::OpenBorders;
@@ -61,9 +61,9 @@ fn join_records<const N: usize>(
     options: &StageOptions,
 ) -> Result<MeshSource> {
     let memory_bytes = (options.memory_bytes / 3) as usize;
-    let Joined { pairs, overlap, alone } = match borders {
+    let JoinedPairs { pairs, overlap, alone } = match borders {
         Some(borders) => overlaps::pairs(&source, borders, found, options)?,
-        None => Joined {
+        None => JoinedPairs {
             pairs: pairs(&source, found, memory_bytes, options)?,
             overlap: Overlap::None,
             alone: Vec::new(),

@@ -74,7 +74,7 @@ pub(super) struct Suggested {
 }
 
 /// Edges of some triangles.
-struct Edges {
+struct EdgeLengths {
     /// A tenth are shorter.
     short: f64,
     middle: f64,
@@ -192,7 +192,7 @@ pub(super) fn each_position(source: &MeshSource, mut each: impl FnMut(u64, Vec3)
 }
 
 /// Lengths of the edges of triangles here and there; `None` if they have none.
-fn edges(source: &MeshSource) -> Result<Option<Edges>> {
+fn edges(source: &MeshSource) -> Result<Option<EdgeLengths>> {
     let n_blocks = source.n_face_blocks();
     let step = n_blocks.div_ceil(EDGE_BLOCKS).max(1);
     let mut block = FaceBlock::default();
@@ -212,7 +212,7 @@ fn edges(source: &MeshSource) -> Result<Option<Edges>> {
     lengths.retain(|&length| length > 0.0 && length.is_finite());
     lengths.sort_by(f64::total_cmp);
     let n = lengths.len();
-    Ok((n > 0).then(|| Edges { short: lengths[n / 10], middle: lengths[n / 2] }))
+    Ok((n > 0).then(|| EdgeLengths { short: lengths[n / 10], middle: lengths[n / 2] }))
 }
 
 /// All vertices of some cells of a grid.
@@ -256,7 +256,7 @@ impl Sample {
     }
 
     /// Largest distance that rounding explains.
-    fn limit(&self, source: &MeshSource, edges: &Edges) -> f64 {
+    fn limit(&self, source: &MeshSource, edges: &EdgeLengths) -> f64 {
         let step = source.schema().rounding() * largest(&self.bounds);
         let diagonal = length_sq(sub(self.bounds.high, self.bounds.low)).sqrt();
         (ROUNDING * diagonal + 8.0 * step).min(SHARE_OF_EDGE * edges.short)
@@ -280,7 +280,7 @@ impl Sample {
     }
 
     /// A distance that would join most of the vertices, far below the length of edges.
-    fn suggest(&self, edges: &Edges) -> Option<Suggested> {
+    fn suggest(&self, edges: &EdgeLengths) -> Option<Suggested> {
         let limit = 0.5 * ASKED_SHARE_OF_EDGE * edges.short;
         let mut near: Vec<f64> = self.nearest(limit).into_iter().map(|(_, d)| d).collect();
         near.sort_by(f64::total_cmp);

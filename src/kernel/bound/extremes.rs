@@ -14,7 +14,7 @@ use stonecut_mesh::vec3::{dot, normal, scale, sub};
 
 /// A witness as it is chosen.
 #[derive(Clone, Copy)]
-struct Candidate {
+struct ExtremeCandidate {
     witness: u32,
     /// Weight of each corner at the place below it, and the height above the plane.
     weights: [f64; 3],
@@ -29,7 +29,7 @@ impl Tracker {
         let of_triangle = |(id, t): (usize, &[u32; 3])| {
             let corners = t.map(|v| self.local(surface.vertices[v as usize].position));
             self.candidates(id, corners, &mut candidates);
-            let offset = |candidate: &Candidate| {
+            let offset = |candidate: &ExtremeCandidate| {
                 let at = self.input.witnesses[candidate.witness as usize].at;
                 std::array::from_fn(|k| (at[k] - corners[0][k]) * surface.unscale as f32)
             };
@@ -40,7 +40,7 @@ impl Tracker {
     }
 
     /// Lists the witnesses of a triangle that are points of the original, off its surface.
-    fn candidates(&self, triangle: usize, corners: [[f32; 3]; 3], out: &mut Vec<Candidate>) {
+    fn candidates(&self, triangle: usize, corners: [[f32; 3]; 3], out: &mut Vec<ExtremeCandidate>) {
         out.clear();
         let corners = corners.map(|corner| corner.map(f64::from));
         let across = normal(corners);
@@ -58,7 +58,7 @@ impl Tracker {
                     let side = [at, corners[(k + 1) % 3], corners[(k + 2) % 3]];
                     dot(normal(side), across) / doubled_sq
                 };
-                out.push(Candidate {
+                out.push(ExtremeCandidate {
                     witness: id,
                     weights: [weight(0), weight(1), weight(2)],
                     height: dot(unit, sub(at, corners[0])),
@@ -70,7 +70,7 @@ impl Tracker {
 }
 
 /// Those of the candidates that are kept, at most `Extremes::MOST`.
-fn chosen(candidates: &mut [Candidate]) -> &[Candidate] {
+fn chosen(candidates: &mut [ExtremeCandidate]) -> &[ExtremeCandidate] {
     let largest = candidates.iter().fold(0.0f64, |most, one| most.max(one.height.abs()));
     if candidates.len() <= Extremes::MOST || largest == 0.0 {
         return &candidates[..candidates.len().min(Extremes::MOST)];
@@ -80,7 +80,8 @@ fn chosen(candidates: &mut [Candidate]) -> &[Candidate] {
     let directions = towards.into_iter().flat_map(|towards| [(1.0, towards), (-1.0, towards)]);
     let mut n = 0;
     for (sign, towards) in directions {
-        let score = |one: &Candidate| sign * one.height / largest + dot(towards, one.weights);
+        let score =
+            |one: &ExtremeCandidate| sign * one.height / largest + dot(towards, one.weights);
         // The first of equals, so that the order of the list decides.
         let best = (0..candidates.len()).fold(0, |best, i| {
             if score(&candidates[i]) > score(&candidates[best]) { i } else { best }
@@ -116,15 +117,16 @@ mod tests {
                 let (u, v) = (next(), next());
                 let [b, c] = if u + v > 1.0 { [1.0 - u, 1.0 - v] } else { [u, v] };
                 let weights = [1.0 - b - c, b, c];
-                Candidate { witness, weights, height: 2.0 * next() - 1.0 }
+                ExtremeCandidate { witness, weights, height: 2.0 * next() - 1.0 }
             };
-            let all: Vec<Candidate> = (0..40).map(|witness| one(witness, &mut next)).collect();
+            let all: Vec<ExtremeCandidate> =
+                (0..40).map(|witness| one(witness, &mut next)).collect();
             let kept = chosen(&mut all.clone()).to_vec();
             assert_eq!(kept.len(), Extremes::MOST);
             for _ in 0..20 {
                 let plane = [next(), next(), next()].map(|x| 2.0 * x - 1.0);
-                let farthest = |some: &[Candidate]| {
-                    let off = |one: &Candidate| (one.height - dot(plane, one.weights)).abs();
+                let farthest = |some: &[ExtremeCandidate]| {
+                    let off = |one: &ExtremeCandidate| (one.height - dot(plane, one.weights)).abs();
                     some.iter().map(off).fold(0.0, f64::max)
                 };
                 let share = farthest(&kept) / farthest(&all);
@@ -136,7 +138,7 @@ mod tests {
 
     #[test]
     fn few_are_all_kept_and_what_lies_on_the_triangle_says_nothing() {
-        let at = |height: f64| Candidate { witness: 0, weights: [1.0, 0.0, 0.0], height };
+        let at = |height: f64| ExtremeCandidate { witness: 0, weights: [1.0, 0.0, 0.0], height };
         assert_eq!(chosen(&mut [at(0.5), at(-0.1)]).len(), 2);
         assert_eq!(chosen(&mut []).len(), 0);
         assert!(chosen(&mut [at(0.0); 9]).len() <= Extremes::MOST);

@@ -1,6 +1,6 @@
 //! The triangles of the input around one vertex, eight side by side: how far a point is from each of them.
 
-use super::input::{Input, NONE};
+use super::input::{BoundInput, NONE};
 use crate::simd::Lanes;
 use crate::surface::faces::nearest_weights;
 use stonecut_mesh::vec3::sub;
@@ -28,7 +28,7 @@ impl Default for Fans {
 impl Fans {
     /// The triangles around a vertex; `limit`, always the same, is how far a point may be from the original.
     #[inline(always)]
-    pub(super) fn load<L: Lanes>(&mut self, input: &Input, centre: u32, limit: f32) -> &Fan {
+    pub(super) fn load<L: Lanes>(&mut self, input: &BoundInput, centre: u32, limit: f32) -> &Fan {
         self.last = centre as usize % KEPT;
         let fan = &mut self.fans[self.last];
         fan.load::<L>(input, centre, limit);
@@ -93,7 +93,7 @@ pub(super) struct FoundFace {
 impl Fan {
     /// Loads the triangles around a vertex, unless they are loaded.
     #[inline(always)]
-    fn load<L: Lanes>(&mut self, input: &Input, centre: u32, limit: f32) {
+    fn load<L: Lanes>(&mut self, input: &BoundInput, centre: u32, limit: f32) {
         if self.centre == centre {
             return;
         }
@@ -167,7 +167,7 @@ impl EightFaces {
 
     /// Takes the triangles with these other corners; lanes that are left keep what they hold, infinitely far.
     #[inline(always)]
-    fn load<L: Lanes>(&mut self, input: &Input, centre: u32, around: &[[u32; 2]], limit: f32) {
+    fn load<L: Lanes>(&mut self, input: &BoundInput, centre: u32, around: &[[u32; 2]], limit: f32) {
         let own = input.witnesses[centre as usize];
         let behind = input.behind(centre);
         self.absent = [f32::INFINITY; 8];

@@ -28,7 +28,7 @@ pub(crate) struct Witness {
 
 /// Witnesses, and for each of them the triangles around it.
 #[derive(Clone)]
-pub(super) struct Input {
+pub(super) struct BoundInput {
     /// Those of the vertices first.
     pub(super) witnesses: Vec<Witness>,
     /// True for vertices that lie on the original; empty if all do.
@@ -44,9 +44,9 @@ pub(super) struct Input {
     is_open: Vec<bool>,
 }
 
-impl Input {
+impl BoundInput {
     /// Takes the triangles that are there.
-    pub(super) fn new(mut witnesses: Vec<Witness>, triangles: &[[u32; 3]]) -> Input {
+    pub(super) fn new(mut witnesses: Vec<Witness>, triangles: &[[u32; 3]]) -> BoundInput {
         let there = || triangles.iter().filter(|t| t[0] != GONE);
         let mut first = vec![0u32; witnesses.len() + 1];
         for &v in there().flatten() {
@@ -74,7 +74,7 @@ impl Input {
                 *place += 1;
             }
         }
-        let mut input = Input {
+        let mut input = BoundInput {
             witnesses,
             is_original: Vec::new(),
             behind: Vec::new(),

@@ -53,7 +53,7 @@ impl Tracker {
     }
 }
 
-impl super::input::Input {
+impl super::input::BoundInput {
     /// Direction from a vertex on an open edge away from the surface; `None` for others.
     #[inline(always)]
     fn outward(&self, v: u32) -> Option<[f32; 3]> {

@@ -1,6 +1,6 @@
 //! The witnesses, and the triangles of the surface that they belong to.
 
-use super::input::{Input, NONE, Witness};
+use super::input::{BoundInput, NONE, Witness};
 use super::original::original_points;
 use super::scratch::{MOST_REFUSED, Refused, Scratch};
 use super::tight::TightPlaces;
@@ -23,7 +23,7 @@ pub(crate) struct Tracker {
     pub(super) centre: Vec3,
     pub(super) scale: f64,
     pub(super) simd: Simd,
-    pub(super) input: Input,
+    pub(super) input: BoundInput,
     /// The first witness of each triangle.
     pub(super) head: Vec<u32>,
     /// Place of each witness in `scratch`, if it is.
@@ -101,7 +101,7 @@ impl Tracker {
                 is_original.push(before == 0.0);
             }
         }
-        let mut input = Input::new(witnesses, &surface.triangles);
+        let mut input = BoundInput::new(witnesses, &surface.triangles);
         (input.behind, input.is_original) = (behind, is_original);
         for point in original_points(surface, extremes) {
             let corners = surface.triangles[point.triangle as usize]

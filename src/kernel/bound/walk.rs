@@ -1,14 +1,14 @@
 //! Distances of points from the input: a walk from a vertex nearby.
 
 use super::fan::Fans;
-use super::input::Input;
+use super::input::BoundInput;
 use crate::simd::Lanes;
 use stonecut_mesh::vec3::{dot, sub};
 
 /// Steps that a search takes from vertex to vertex.
 const MAX_STEPS: usize = 16;
 
-impl Input {
+impl BoundInput {
     /// Place of the input near a point, found by walking downhill from a witness. The fan that it lies in is the last one.
     #[inline(always)]
     pub(super) fn nearest<L: Lanes>(

@@ -8,7 +8,7 @@
 use crate::cost::quadric::{Evaluated, LENGTH_COST, MAX_REACH, REGULARISATION, VOLUME_SHARE};
 use crate::surface::Surface;
 use crate::surface::class::Class;
-use crate::surface::flats::{Flats, Meeting, across};
+use crate::surface::flats::{Flats, PlaneMeeting, across};
 use crate::vertex::Vertex;
 use stonecut_mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub};
 
@@ -71,7 +71,7 @@ struct Inverse {
 
 impl Inverse {
     /// Inverts the quadric that `times` multiplies by; `None` if the plane has no directions.
-    fn within(meeting: &Meeting, times: impl Fn(Vec3) -> Vec3) -> Option<Inverse> {
+    fn within(meeting: &PlaneMeeting, times: impl Fn(Vec3) -> Vec3) -> Option<Inverse> {
         let [n0, n1, _] = meeting.normals;
         Some(match meeting.rank {
             1 => {
@@ -102,7 +102,7 @@ impl Inverse {
 fn best_within(
     (from, to): (&Vertex, &Vertex),
     half: Vec3,
-    meeting: &Meeting,
+    meeting: &PlaneMeeting,
     keeps_volume: bool,
 ) -> Option<(Vec3, f64)> {
     let (q0, q1) = (&from.quadric, &to.quadric);

@@ -102,7 +102,7 @@ pub(crate) fn feet(
             break;
         }
     }
-    let mut wider = Wider::default();
+    let mut wider = WiderSearch::default();
     for (mut sample, foot) in far {
         let foot = wider.search(surface, place, &mut sample, foot, simd);
         done.push(sample);
@@ -119,14 +119,14 @@ const DETOUR_SQ: f32 = 2.25;
 
 /// Search among all that is connected to a first foot near a sample: best first, from vertex to vertex.
 #[derive(Default)]
-struct Wider {
+struct WiderSearch {
     seen: Vec<u32>,
     /// Vertices to look at, with the squared distance of the triangle that led there.
     open: Vec<(f32, u32)>,
     faces: Vec<Face>,
 }
 
-impl Wider {
+impl WiderSearch {
     /// The nearest foot that was found, `foot` or a better one; the sample's hint goes along.
     fn search(
         &mut self,

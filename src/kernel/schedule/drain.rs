@@ -14,7 +14,7 @@ use crate::cost::quadric::Evaluated;
 use crate::cost::recession::Recession;
 use crate::interrupt::BATCHES_BETWEEN_LOOKS;
 use crate::options::Topology;
-use crate::schedule::driver::{Driver, Limits};
+use crate::schedule::driver::{DrainLimits, Driver};
 use crate::schedule::evaluate::{evaluate_eight, fixation};
 use crate::schedule::queue::{BucketQueue, Entry};
 use crate::simd::unchecked::{KnownIds, prefetch};
@@ -38,7 +38,7 @@ const NEVER_STALLS: u64 = 256;
 const MAX_SPARE: usize = 1 << 16;
 
 /// Counters at the last stall check.
-struct Mark {
+struct StallMark {
     cost: f32,
     alive: u64,
     refused: u64,
@@ -65,7 +65,7 @@ struct Batch {
 pub(crate) struct Drain<'a> {
     pub(crate) driver: &'a mut Driver,
     pub(crate) queue: &'a mut BucketQueue,
-    pub(crate) limits: Limits,
+    pub(crate) limits: DrainLimits,
 }
 
 impl Job for Drain<'_> {
@@ -159,11 +159,11 @@ impl Driver {
     }
 
     #[inline(always)]
-    fn drain_with<L: Lanes>(&mut self, queue: &mut BucketQueue, limits: Limits) -> bool {
+    fn drain_with<L: Lanes>(&mut self, queue: &mut BucketQueue, limits: DrainLimits) -> bool {
         // SAFETY: the queue was filled with corners of the surface's triangles and with what a cut adds to them, and is
         // emptied before the surface is built again; all other ids are read from the surface.
         let known = unsafe { KnownIds::promise() };
-        let mut mark = Mark { cost: f32::MAX, alive: self.state.surface.n_alive, refused: 0 };
+        let mut mark = StallMark { cost: f32::MAX, alive: self.state.surface.n_alive, refused: 0 };
         let mut batch = Batch::default();
         let mut n_batches = 0u32;
         let frees_stuck = self.frees_stuck;
@@ -235,7 +235,7 @@ impl Driver {
         queue: &mut BucketQueue,
         batch: &Batch,
         found: &Evaluated,
-        limits: Limits,
+        limits: DrainLimits,
     ) {
         let begun = self.collapses;
         let mut one = Batch::default();
@@ -268,7 +268,7 @@ impl Driver {
         queue: &mut BucketQueue,
         (batch, i): (&Batch, usize),
         found: &Evaluated,
-        limits: Limits,
+        limits: DrainLimits,
     ) {
         let (entry, cost) = (batch.entry(i), found.cost[i] * batch.weight[i]);
         // Written so that NaN is dropped.
@@ -285,10 +285,10 @@ impl Driver {
     }
 
     /// Returns whether costs run away from the progress.
-    fn stalls(&self, cost: f32, mark: &mut Mark) -> bool {
+    fn stalls(&self, cost: f32, mark: &mut StallMark) -> bool {
         // What waits for its price is not a sign of a dead end.
         let refused = self.rejects.topological() - self.deferred;
-        let now = Mark { cost, alive: self.state.surface.n_alive, refused };
+        let now = StallMark { cost, alive: self.state.surface.n_alive, refused };
         if cost < self.drained || self.state.surface.n_alive < NEVER_STALLS {
             // What is cheaper than the last level was refused then, and says nothing of progress.
             return false;
@@ -312,7 +312,7 @@ impl Driver {
         queue: &mut BucketQueue,
         (bucket, entry): (u32, Entry),
         cost: f32,
-        limits: Limits,
+        limits: DrainLimits,
         place: [f32; 3],
     ) {
         if self.waits(queue, (bucket, entry), limits, place) {
@@ -355,7 +355,7 @@ impl Driver {
         &mut self,
         queue: &mut BucketQueue,
         (bucket, entry): (u32, Entry),
-        limits: Limits,
+        limits: DrainLimits,
         place: [f32; 3],
     ) -> bool {
         let surface = &self.state.surface;
@@ -371,7 +371,7 @@ impl Driver {
         &mut self,
         queue: &mut BucketQueue,
         (bucket, entry): (u32, Entry),
-        limits: Limits,
+        limits: DrainLimits,
         place: [f32; 3],
     ) -> bool {
         let surface = &self.state.surface;
@@ -398,7 +398,7 @@ impl Driver {
         (bucket, entry): (u32, Entry),
         reason: Reject,
         cost: f32,
-        limits: Limits,
+        limits: DrainLimits,
     ) {
         self.rejects.add(reason);
         match reason {

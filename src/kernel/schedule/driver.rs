@@ -69,7 +69,7 @@ pub(crate) struct Driver {
 
 /// Limits at which a drain ends.
 #[derive(Clone, Copy)]
-pub(crate) struct Limits {
+pub(crate) struct DrainLimits {
     /// Highest cost, in scaled units.
     pub(crate) cost: f32,
     /// Number of triangles at which to stop at once.

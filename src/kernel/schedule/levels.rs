@@ -10,7 +10,7 @@ use std::ops::Range;
 
 use crate::options::Topology;
 use crate::schedule::drain::Drain;
-use crate::schedule::driver::{Driver, Limits};
+use crate::schedule::driver::{DrainLimits, Driver};
 use crate::schedule::queue::{BucketQueue, Entry};
 use crate::schedule::seeds::Seeds;
 use crate::state::validate::validate_small;
@@ -33,7 +33,7 @@ const EXACT_MULTIPLE: f64 = 1.4;
 impl Driver {
     /// Drains the whole mesh to one threshold, block by block.
     pub(crate) fn level(&mut self, level: f64) {
-        let limits = Limits { cost: self.scaled(level), triangles: 0, may_stall: false };
+        let limits = DrainLimits { cost: self.scaled(level), triangles: 0, may_stall: false };
         let mut queue = BucketQueue::new(3);
         self.mend();
         for block in 0..self.n_blocks() {
@@ -65,7 +65,7 @@ impl Driver {
     /// Drains such a queue to the next of its thresholds; gives back how many triangles are left.
     pub(crate) fn close_level(&mut self, queue: &mut BucketQueue, level: f64) -> u64 {
         queue.close_above(self.scaled(level));
-        self.drain(queue, Limits { cost: f32::MAX, triangles: 0, may_stall: false });
+        self.drain(queue, DrainLimits { cost: f32::MAX, triangles: 0, may_stall: false });
         self.state.surface.n_alive
     }
 
@@ -137,7 +137,7 @@ impl Driver {
             });
         }
         let mut cost = quantile(costs, (1.0 - share) * 0.6);
-        let mut limits = Limits { cost: f32::MAX, triangles: target, may_stall: false };
+        let mut limits = DrainLimits { cost: f32::MAX, triangles: target, may_stall: false };
         for _ in 0..200 {
             queue.close_above(cost);
             self.drain(&mut queue, limits);
@@ -182,7 +182,7 @@ impl Driver {
         });
     }
 
-    pub(super) fn drain(&mut self, queue: &mut BucketQueue, limits: Limits) -> bool {
+    pub(super) fn drain(&mut self, queue: &mut BucketQueue, limits: DrainLimits) -> bool {
         let simd = self.simd;
         let tried = |driver: &Driver| driver.collapses + driver.rejects.total();
         let before = tried(self);
@@ -192,7 +192,7 @@ impl Driver {
         stalled
     }
 
-    fn drain_block(&mut self, queue: &mut BucketQueue, block: usize, limits: Limits) {
+    fn drain_block(&mut self, queue: &mut BucketQueue, block: usize, limits: DrainLimits) {
         self.drain_range(queue, self.block(block), limits);
     }
 
@@ -201,7 +201,7 @@ impl Driver {
         &mut self,
         queue: &mut BucketQueue,
         triangles: Range<usize>,
-        limits: Limits,
+        limits: DrainLimits,
     ) {
         queue.clear();
         self.seed(queue, triangles, limits.cost.next_up());
@@ -226,7 +226,7 @@ impl Driver {
             let before = self.state.surface.n_alive;
             queue.clear();
             self.seed(&mut queue, 0..self.state.surface.triangles.len(), f32::INFINITY);
-            let limits = Limits { cost: f32::MAX, triangles: target, may_stall: true };
+            let limits = DrainLimits { cost: f32::MAX, triangles: target, may_stall: true };
             let freed_stuck = self.frees_stuck;
             let stalled = self.drain(&mut queue, limits);
             // What was refused may have become legal since; without any progress it has not.

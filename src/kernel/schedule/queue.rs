@@ -17,7 +17,7 @@ pub(crate) struct Entry {
 
 /// An entry in the pool: its ends, its failures, the entry below it.
 #[derive(Clone, Copy)]
-struct Slot {
+struct QueueSlot {
     v0: u32,
     /// The failures are in the two highest bits.
     v1: u32,
@@ -42,7 +42,7 @@ pub(crate) struct BucketQueue {
     current: u32,
     /// Nothing comes out of buckets dearer than this one.
     ceiling: u32,
-    pool: Vec<Slot>,
+    pool: Vec<QueueSlot>,
     free: u32,
     /// Edges that were put back, to know their doubles by.
     seen: Box<[Seen; 1 << SEEN_BITS]>,
@@ -95,7 +95,7 @@ impl BucketQueue {
     pub(crate) fn bytes(&self) -> u64 {
         let fixed =
             size_of_val(&*self.heads) + size_of_val(&*self.filled) + size_of_val(&*self.seen);
-        (fixed + self.pool.capacity() * size_of::<Slot>()) as u64
+        (fixed + self.pool.capacity() * size_of::<QueueSlot>()) as u64
     }
 
     /// The bucket of a cost; of what is negative or NaN, the first.
@@ -157,7 +157,7 @@ impl BucketQueue {
         debug_assert!(entry.v1 >> FAILURE_SHIFT == 0 && entry.failures < 4);
         let bucket = bucket.max(self.current);
         let v1 = entry.v1 | u32::from(entry.failures) << FAILURE_SHIFT;
-        let slot = Slot { v0: entry.v0, v1, next: self.heads[place_of(bucket)] };
+        let slot = QueueSlot { v0: entry.v0, v1, next: self.heads[place_of(bucket)] };
         let free = self.free;
         self.heads[place_of(bucket)] = if let Some(place) = self.pool.get_mut(free as usize) {
             self.free = place.next;

@@ -3,7 +3,7 @@
 //! `topology` decides which changes are allowed, and their price.
 
 use crate::options::Topology;
-use crate::schedule::driver::{Driver, Limits};
+use crate::schedule::driver::{DrainLimits, Driver};
 use crate::schedule::queue::{BucketQueue, Entry};
 use crate::state::validate::validate_small;
 use crate::surface::Surface;
@@ -41,7 +41,7 @@ impl Driver {
         &mut self,
         queue: &mut BucketQueue,
         (bucket, entry): (u32, Entry),
-        limits: Limits,
+        limits: DrainLimits,
     ) {
         let may_vanish = self
             .small_components
@@ -65,7 +65,7 @@ impl Driver {
         &mut self,
         queue: &mut BucketQueue,
         (bucket, entry): (u32, Entry),
-        limits: Limits,
+        limits: DrainLimits,
         triangles: &[u32],
     ) {
         let may_free_stuck = limits.may_stall && self.may_free_stuck();
@@ -107,7 +107,7 @@ impl Driver {
         &mut self,
         queue: &mut BucketQueue,
         (bucket, entry): (u32, Entry),
-        limits: Limits,
+        limits: DrainLimits,
         cycle: [u32; 3],
     ) {
         // What a cut separates takes a search: not before it can be due.
@@ -209,7 +209,7 @@ impl Driver {
 
 /// Returns whether `n_freed` triangles can go without passing the target. Where steps are recorded they `may_pass` it: what is
 /// done must not depend on the target then.
-fn leaves_enough(surface: &Surface, n_freed: usize, limits: Limits, may_pass: bool) -> bool {
+fn leaves_enough(surface: &Surface, n_freed: usize, limits: DrainLimits, may_pass: bool) -> bool {
     may_pass || surface.n_alive + 2 >= limits.triangles + n_freed as u64
 }
 
@@ -219,7 +219,7 @@ fn is_due(
     queue: &mut BucketQueue,
     (bucket, entry): (u32, Entry),
     cost: f32,
-    limits: Limits,
+    limits: DrainLimits,
     deferred: &mut u64,
 ) -> bool {
     if cost.is_nan() || cost > limits.cost {

@@ -2,7 +2,7 @@
 //! everything.
 
 use crate::options::Topology;
-use crate::schedule::driver::{Driver, Limits};
+use crate::schedule::driver::{DrainLimits, Driver};
 use crate::schedule::levels::{BLOCK, MIN_LEVEL_TRIANGLES, PILOT_STRIDE};
 use crate::schedule::queue::BucketQueue;
 use crate::state::validate::validate;
@@ -60,7 +60,7 @@ impl Driver {
         let mut blocks = Blocks::of(self.state.surface.triangles.len());
         while self.state.surface.n_alive > target.max(MIN_LEVEL_TRIANGLES) && cost < f32::MAX {
             let before = self.state.surface.n_alive;
-            let limits = Limits { cost, triangles: target, may_stall: false };
+            let limits = DrainLimits { cost, triangles: target, may_stall: false };
             for block in blocks.ranges(self.state.surface.triangles.len()) {
                 self.drain_range(&mut queue, block, limits);
             }
@@ -83,7 +83,7 @@ impl Driver {
             let before = self.state.surface.n_alive;
             queue.clear();
             self.seed(&mut queue, 0..self.state.surface.triangles.len(), f32::INFINITY);
-            let limits = Limits { cost: f32::MAX, triangles: target, may_stall: false };
+            let limits = DrainLimits { cost: f32::MAX, triangles: target, may_stall: false };
             self.drain(&mut queue, limits);
             let is_over = self.state.surface.n_alive as f64 > before as f64 * PROGRESS;
             if is_over || self.interrupt.is_raised() {

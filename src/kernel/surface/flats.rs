@@ -103,7 +103,7 @@ pub(crate) struct Flats {
 }
 
 /// The place, line or plane in which all of some planes meet, relative to a point.
-pub(crate) struct Meeting {
+pub(crate) struct PlaneMeeting {
     /// Orthonormal normals; the first `rank` of them count.
     pub(crate) normals: [Vec3; 3],
     pub(crate) rank: usize,
@@ -252,8 +252,8 @@ impl Flats {
     }
 
     /// Meeting of all planes of a mask, relative to `centre`; `None` if they do not.
-    pub(crate) fn meeting(&self, mask: u32, centre: Vec3) -> Option<Meeting> {
-        let mut found = Meeting { normals: [[0.0; 3]; 3], rank: 0, nearest: [0.0; 3] };
+    pub(crate) fn meeting(&self, mask: u32, centre: Vec3) -> Option<PlaneMeeting> {
+        let mut found = PlaneMeeting { normals: [[0.0; 3]; 3], rank: 0, nearest: [0.0; 3] };
         for (_, plane) in self.planes_of(mask) {
             let (mut rest, mut wanted) = (plane.normal, -plane.height(centre));
             wanted -= dot(plane.normal, found.nearest);

@@ -19,7 +19,7 @@ pub(crate) enum Separation {
 
 /// Limits of the walks, in vertices.
 #[derive(Clone, Copy)]
-pub(crate) struct Reach {
+pub(crate) struct WalkReach {
     /// The search ends when both sides have more vertices than this, ...
     each: usize,
     /// ... or both together more than this.
@@ -27,12 +27,12 @@ pub(crate) struct Reach {
 }
 
 /// Enough to find a part of a few triangles; a fan of 24 of them has 26 vertices.
-pub(crate) const NEAR: Reach = Reach { each: 26, both: 192 };
+pub(crate) const NEAR: WalkReach = WalkReach { each: 26, both: 192 };
 /// Enough to find out that a cut opens a handle, as a rule.
-pub(crate) const FAR: Reach = Reach { each: usize::MAX, both: 1024 };
+pub(crate) const FAR: WalkReach = WalkReach { each: usize::MAX, both: 1024 };
 
 /// Slots of the table of reached vertices, twice as many as vertices at most: one more step adds a ring.
-const fn slots(reach: Reach) -> usize {
+const fn slots(reach: WalkReach) -> usize {
     (2 * (reach.both + 4 * MAX_VALENCE as usize)).next_power_of_two()
 }
 
@@ -53,7 +53,7 @@ fn separation<const SLOTS: usize>(
     surface: &Surface,
     cycle: [u32; 3],
     sides: &[Side; 2],
-    reach: Reach,
+    reach: WalkReach,
 ) -> Separation {
     let mut reached = Reached::<SLOTS>::new();
     let mut lists: [Vec<u32>; 2] = Default::default();

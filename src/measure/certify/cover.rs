@@ -44,7 +44,7 @@ const SEEN: usize = 1 << 13;
 
 /// Question that is put.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Goal {
+pub(super) struct ProofGoal {
     /// The distance to be proven where no point is found to be farther.
     pub bound: f64,
     /// Largest excess of the bound over the farthest point, relative to it.
@@ -57,7 +57,7 @@ pub(super) struct Goal {
     pub listed_above: f64,
 }
 
-impl Goal {
+impl ProofGoal {
     /// The bound to be proven once a point was found at a distance beyond `bound`.
     pub fn raised(&self, bound: f64, distance: f64) -> f64 {
         let raised = bound.max(distance * (1.0 + self.tolerance)).max(distance + self.floor);
@@ -96,7 +96,7 @@ pub(super) struct Found {
     pub is_apart: bool,
     /// The farthest point that was come upon, where that is farther than the bound.
     pub far: Option<Far>,
-    /// Triangles farther than `Goal::listed_above`.
+    /// Triangles farther than `ProofGoal::listed_above`.
     pub beyond: Vec<Beyond>,
     /// There were more than `MOST_BEYOND` of them; none is kept then.
     pub has_too_many: bool,
@@ -129,7 +129,7 @@ impl Found {
     /// The bound that holds a point too, which is exactly so far from the target; notes the point if it is far.
     pub fn raise(
         &mut self,
-        goal: &Goal,
+        goal: &ProofGoal,
         limits: Limits,
         (point, distance): (Vector, f64),
         depth: u32,
@@ -153,7 +153,7 @@ impl Found {
     }
 
     /// True if the search has come to its end before everything was looked at.
-    pub fn is_over(&self, goal: &Goal) -> bool {
+    pub fn is_over(&self, goal: &ProofGoal) -> bool {
         goal.stops_beyond && self.far.is_some()
     }
 }
@@ -201,7 +201,7 @@ struct Miss {
 pub(super) struct Cover<'a> {
     tree: &'a Tree,
     is_final: Final,
-    goal: Goal,
+    goal: ProofGoal,
     per_cut: f64,
     progress: &'a Progress,
     hint: u32,
@@ -223,7 +223,7 @@ impl<'a> Cover<'a> {
     pub fn new(
         tree: &'a Tree,
         is_final: Final,
-        goal: Goal,
+        goal: ProofGoal,
         per_cut: f64,
         progress: &'a Progress,
     ) -> Self {
@@ -495,7 +495,7 @@ mod tests {
         let (fine, coarse) = (waves(96, 1), waves(96, 3));
         let tree = Tree::build(coarse.triangles.len(), |i| coarse.corners(i));
         let neighbours = Neighbours::new(&tree, &coarse);
-        let goal = Goal {
+        let goal = ProofGoal {
             bound: 2e-3,
             tolerance: 0.01,
             floor: 1e-12,

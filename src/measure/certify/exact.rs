@@ -4,7 +4,7 @@
 //! is found at once, then every piece is cut as far as these triangles and those found before it go.
 
 use super::bound::upper;
-use super::cover::{Found, Goal, MOST_STEPS};
+use super::cover::{Found, MOST_STEPS, ProofGoal};
 use super::piece::{Cut, Limits, Piece};
 use crate::nearest_in_cells::settle;
 use crate::parts::{Means, Parts, Survey};
@@ -29,7 +29,7 @@ struct Open {
 pub(super) fn prove(
     pieces: Vec<Piece>,
     (target, survey): (&Parts, &Survey),
-    goal: &Goal,
+    goal: &ProofGoal,
     per_cut: f64,
     means: Means,
 ) -> Result<Found> {

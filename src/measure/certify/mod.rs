@@ -19,7 +19,7 @@ use super::side::Side;
 use super::tree::Tree;
 use super::triangle::Vector;
 use bound::{lower, off_edge, upper};
-use cover::{Far, Found, Goal};
+use cover::{Far, Found, ProofGoal};
 use passes::Way;
 use std::cmp::Ordering;
 use stonecut_mesh::bounds::Bounds;
@@ -96,8 +96,13 @@ impl<'a> Pair<'a> {
             });
         }
         let floor = self.floor();
-        let mut goal =
-            Goal { bound: 0.0, tolerance, floor, stops_beyond: false, listed_above: f64::INFINITY };
+        let mut goal = ProofGoal {
+            bound: 0.0,
+            tolerance,
+            floor,
+            stops_beyond: false,
+            listed_above: f64::INFINITY,
+        };
         let farthest = known.iter().flatten().map(|far| far.distance).fold(0.0, f64::max);
         goal.bound = goal.raised(0.0, farthest);
         // Far beyond a bound nearly every triangle would have to be cut.
@@ -151,14 +156,14 @@ impl<'a> Pair<'a> {
     }
 
     /// Proves both ways, one after the other; the bound grows where a point beyond it is found.
-    fn prove(&mut self, goal: &mut Goal, means: Means) -> Result<[Found; 2]> {
+    fn prove(&mut self, goal: &mut ProofGoal, means: Means) -> Result<[Found; 2]> {
         let mut found = [Found::default(), Found::default()];
         let asked = goal.bound.min(goal.listed_above);
         for i in 0..2 {
             let (source, target) = (self.parts[i], self.parts[1 - i]);
             // Where places beyond the bound are listed, both ways begin at the bound.
             let bound = if goal.listed_above.is_finite() { asked } else { goal.bound };
-            let begin = Goal { bound, ..*goal };
+            let begin = ProofGoal { bound, ..*goal };
             let way = Way { source, target, survey: self.surveys[1 - i], goal: begin };
             found[i] = way.prove(self.trees[1 - i].take(), means)?;
             goal.bound = goal.bound.max(found[i].upper);
@@ -192,8 +197,13 @@ impl<'a> Pair<'a> {
             }
         }
         let floor = self.floor();
-        let mut goal =
-            Goal { bound, tolerance: 0.0, floor, stops_beyond: true, listed_above: f64::INFINITY };
+        let mut goal = ProofGoal {
+            bound,
+            tolerance: 0.0,
+            floor,
+            stops_beyond: true,
+            listed_above: f64::INFINITY,
+        };
         let found = self.prove(&mut goal, means)?;
         let is_apart = found.iter().any(|found| found.is_apart);
         let far = [0, 1].into_iter().find_map(|i| found[i].far.map(|far| (far, i)));
@@ -221,7 +231,7 @@ impl<'a> Pair<'a> {
     /// The interval of a distance that is about the bound.
     fn undecided(&mut self, lower: f64, bound: f64, means: Means) -> Result<Verdict> {
         let floor = self.floor();
-        let mut goal = Goal {
+        let mut goal = ProofGoal {
             bound: bound + 2.0 * floor,
             tolerance: LEAST_TOLERANCE,
             floor,

@@ -4,7 +4,7 @@
 //! are gathered in one pass over the cells and get one tree. If they exceed the memory, one half of the pieces
 //! follows the other.
 
-use super::cover::{Cover, Final, Found, Goal};
+use super::cover::{Cover, Final, Found, ProofGoal};
 use super::piece::Piece;
 use super::sheet::Neighbours;
 use crate::Surface;
@@ -38,7 +38,7 @@ fn gathered_bytes() -> u64 {
 #[derive(Clone, Copy)]
 pub(super) struct Nearby<'a> {
     pub target: (&'a Parts<'a>, &'a Survey),
-    pub goal: &'a Goal,
+    pub goal: &'a ProofGoal,
     pub per_cut: f64,
     /// Memory for gathered triangles.
     pub bytes: u64,

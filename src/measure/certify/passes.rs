@@ -4,7 +4,7 @@
 //! cell nearest to its middle. What that does not prove lies where cells meet (`nearby`), or far from all (`exact`).
 
 use super::bound::off_edge;
-use super::cover::{Cover, Final, Found, Goal};
+use super::cover::{Cover, Final, Found, ProofGoal};
 use super::exact;
 use super::nearby::Nearby;
 use super::piece::Piece;
@@ -44,7 +44,7 @@ pub(super) struct Way<'a> {
     pub target: &'a Parts<'a>,
     /// Of the target, if that is in cells.
     pub survey: Option<&'a Survey>,
-    pub goal: Goal,
+    pub goal: ProofGoal,
 }
 
 impl Way<'_> {

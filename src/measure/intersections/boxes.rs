@@ -54,7 +54,7 @@ impl Node {
 
 /// A part of the search for pairs.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Task(Node, Node);
+pub(super) struct BoxTask(Node, Node);
 
 impl Boxes {
     /// Bytes that the tree of `n` boxes takes at most.
@@ -89,8 +89,8 @@ impl Boxes {
     }
 
     /// Cuts the search for pairs of these boxes among themselves into at least `n` tasks, if there are as many.
-    pub fn tasks(&self, n: usize) -> Vec<Task> {
-        let mut tasks = vec![Task(self.root(), self.root())];
+    pub fn tasks(&self, n: usize) -> Vec<BoxTask> {
+        let mut tasks = vec![BoxTask(self.root(), self.root())];
         while tasks.len() < n {
             let mut finer = Vec::with_capacity(3 * tasks.len());
             tasks.iter().for_each(|&task| self.cut(self, true, task, &mut finer));
@@ -105,7 +105,7 @@ impl Boxes {
     /// Calls `visit` for all touching pairs of a task of `tasks`, each once.
     pub fn pairs(
         &self,
-        task: Task,
+        task: BoxTask,
         progress: &Progress,
         visit: impl FnMut(u32, u32),
     ) -> Result<()> {
@@ -119,32 +119,32 @@ impl Boxes {
         progress: &Progress,
         visit: impl FnMut(u32, u32),
     ) -> Result<()> {
-        self.join(other, false, Task(self.root(), other.root()), progress, visit)
+        self.join(other, false, BoxTask(self.root(), other.root()), progress, visit)
     }
 
     /// Appends what a task consists of; the task itself if it is of two leaves.
-    fn cut(&self, other: &Boxes, is_same: bool, Task(a, b): Task, out: &mut Vec<Task>) {
+    fn cut(&self, other: &Boxes, is_same: bool, BoxTask(a, b): BoxTask, out: &mut Vec<BoxTask>) {
         if is_same && a.at == b.at {
             if a.level == self.depth {
-                out.push(Task(a, b));
+                out.push(BoxTask(a, b));
                 return;
             }
             let [left, right] = a.halves();
-            out.extend([Task(left, left), Task(right, right)]);
-            self.offer(other, Task(left, right), out);
+            out.extend([BoxTask(left, left), BoxTask(right, right)]);
+            self.offer(other, BoxTask(left, right), out);
             return;
         }
         let (is_leaf, is_other_leaf) = (a.level == self.depth, b.level == other.depth);
         if is_leaf && is_other_leaf {
-            out.push(Task(a, b));
+            out.push(BoxTask(a, b));
         } else if is_other_leaf || (!is_leaf && a.to - a.from >= b.to - b.from) {
-            a.halves().into_iter().for_each(|half| self.offer(other, Task(half, b), out));
+            a.halves().into_iter().for_each(|half| self.offer(other, BoxTask(half, b), out));
         } else {
-            b.halves().into_iter().for_each(|half| self.offer(other, Task(a, half), out));
+            b.halves().into_iter().for_each(|half| self.offer(other, BoxTask(a, half), out));
         }
     }
 
-    fn offer(&self, other: &Boxes, task: Task, out: &mut Vec<Task>) {
+    fn offer(&self, other: &Boxes, task: BoxTask, out: &mut Vec<BoxTask>) {
         if self.hulls[task.0.at].touches(&other.hulls[task.1.at]) {
             out.push(task);
         }
@@ -154,14 +154,14 @@ impl Boxes {
         &self,
         other: &Boxes,
         is_same: bool,
-        task: Task,
+        task: BoxTask,
         progress: &Progress,
         mut visit: impl FnMut(u32, u32),
     ) -> Result<()> {
         let mut waiting = vec![task];
         let (mut n, mut n_visits) = (0, 0);
         while let Some(task) = waiting.pop() {
-            let Task(a, b) = task;
+            let BoxTask(a, b) = task;
             if a.level < self.depth || b.level < other.depth {
                 self.cut(other, is_same, task, &mut waiting);
                 continue;

@@ -11,7 +11,7 @@ mod hubs;
 pub use cells::{in_store, job_bytes};
 
 use super::Unit;
-use boxes::{Boxes, Item, Task};
+use boxes::{BoxTask, Boxes, Item};
 use hubs::{Hub, take_hubs};
 use std::borrow::Cow;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -192,7 +192,7 @@ impl<'a> Soup<'a> {
     /// Counts the pairs of a task.
     fn count(
         &self,
-        task: Task,
+        task: BoxTask,
         marks: &Marks,
         tally: &mut Tally,
         progress: &Progress,

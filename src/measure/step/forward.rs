@@ -21,7 +21,7 @@ const DEEPEST: u32 = 6;
 const MOST_WALKED: usize = HUB / 2;
 
 /// Vertices of the version near those of the mesh, and feet of these.
-struct Near<'a> {
+struct NearFeet<'a> {
     feet: Feet,
     /// The vertices of the version that they went into.
     known: &'a [u32],
@@ -31,7 +31,7 @@ struct Near<'a> {
     last: u32,
 }
 
-impl Near<'_> {
+impl NearFeet<'_> {
     /// True if a vertex went into none.
     fn was_none(&self, v: u32) -> bool {
         self.known[v as usize] == NONE
@@ -75,7 +75,7 @@ impl Forward<'_> {
             look(item as usize, largest, exact);
         }
         largest.bound_sq = largest.bound_sq.max(near_sq);
-        let mut near = Near { feet, known: hints, hints: hints.to_vec(), last: NONE };
+        let mut near = NearFeet { feet, known: hints, hints: hints.to_vec(), last: NONE };
         // First all of these, which shows how far the two are apart.
         for quartered in &covered.rest {
             self.find_hints(quartered.triangle, &mut near, largest, exact);
@@ -89,7 +89,7 @@ impl Forward<'_> {
     fn quarters(
         &self,
         quartered: &Quartered,
-        near: &mut Near,
+        near: &mut NearFeet,
         largest: &mut Largest,
         exact: &mut Exact,
     ) {
@@ -131,7 +131,7 @@ impl Forward<'_> {
 
     /// Finds vertices of the version near the corners of a triangle that went into none: those of another corner, or near the last
     /// ones that were found. Whole components went into none.
-    fn find_hints(&self, t: u32, near: &mut Near, largest: &mut Largest, exact: &mut Exact) {
+    fn find_hints(&self, t: u32, near: &mut NearFeet, largest: &mut Largest, exact: &mut Exact) {
         let own = self.fine.triangles[t as usize];
         for v in own.map(|v| v as usize) {
             if near.hints[v] == NONE {

@@ -18,12 +18,6 @@ use stonecut_system::error::Result;
 use stonecut_system::parallel::{guarded, in_order};
 use stonecut_system::progress::Progress;
 
-/// A tile as it was read.
-#[derive(Default)]
-struct Looked {
-    outcome: Option<std::result::Result<Tile, String>>,
-}
-
 /// A tile that could be read.
 struct Tile {
     triangles: u64,
@@ -58,14 +52,14 @@ pub fn check_tileset(
             tiles.len() as u64,
             threads,
             progress,
-            |index, out: &mut Looked| {
+            |index, out: &mut Option<_>| {
                 let tile = &tree.tiles[tiles[index as usize] as usize];
-                out.outcome = Some(look(folder, tile, &tree, most_bytes));
+                *out = Some(look(folder, tile, &tree, most_bytes));
                 Ok(())
             },
             |index, looked| {
                 let number = tiles[index as usize];
-                match looked.outcome.take() {
+                match looked.take() {
                     Some(Ok(Tile { triangles, border, fault })) => {
                         found.tiles += 1;
                         total += triangles;

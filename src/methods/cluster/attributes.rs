@@ -1,6 +1,6 @@
 //! Attributes of the vertices of a cell: the mean of their channels, and the labels of the first.
 
-use super::grid::Grid;
+use super::grid::CubeGrid;
 use crate::key_table::KeyTable;
 use std::collections::HashMap;
 use stonecut_io::ply::{MeshSource, VertexBlock};
@@ -44,7 +44,7 @@ struct Batch {
 pub(super) fn attributes(
     source: &MeshSource,
     codec: &VertexCodec,
-    grid: &Grid,
+    grid: &CubeGrid,
     cells: &KeyTable<u64>,
     threads: usize,
     progress: &Progress,
@@ -68,7 +68,7 @@ pub(super) fn attributes(
             batch.missing.clear();
             batch.channels.resize(n, 0.0);
             for (row, record) in batch.block.records.chunks_exact(record_bytes).enumerate() {
-                let key = Grid::key(grid.place(source.schema().position(record)));
+                let key = CubeGrid::key(grid.place(source.schema().position(record)));
                 let Some(cell) = cells.find(key) else { continue };
                 let number = batch.cells.number(u64::from(cell)) as usize;
                 if number == batch.counts.len() {

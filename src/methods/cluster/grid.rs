@@ -14,16 +14,16 @@ pub const MOST_CELLS: f64 = AXIS_MASK as f64;
 ///
 /// It lies around the middle of the box, so that a flat mesh lies in the middle of its layer of cells, not on a wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Grid {
+pub struct CubeGrid {
     /// Length of a cell in input units.
     pub cell_size: f64,
     low: Vec3,
     inverse: f64,
 }
 
-impl Grid {
+impl CubeGrid {
     /// A grid around `bounds`; `None` where cells of this size are more than `MOST_CELLS` on an axis.
-    pub fn around(bounds: &Bounds, cell_size: f64) -> Option<Grid> {
+    pub fn around(bounds: &Bounds, cell_size: f64) -> Option<CubeGrid> {
         let mut low = [0.0; 3];
         for (axis, low) in low.iter_mut().enumerate() {
             let extent = bounds.high[axis] - bounds.low[axis];
@@ -35,7 +35,7 @@ impl Grid {
             let middle = bounds.low[axis] + 0.5 * extent;
             *low = middle - 0.5 * n_cells * cell_size;
         }
-        Some(Grid { cell_size, low, inverse: 1.0 / cell_size })
+        Some(CubeGrid { cell_size, low, inverse: 1.0 / cell_size })
     }
 
     /// A point in units of cells, from the lowest corner of the grid.
@@ -78,19 +78,21 @@ mod tests {
     #[test]
     fn places_keys_and_positions_belong_together() {
         let bounds = Bounds { low: [-1.0, 5e6, 2.0], high: [9.0, 5e6 + 7.0, 2.0] };
-        let grid = Grid::around(&bounds, 0.25).unwrap();
+        let grid = CubeGrid::around(&bounds, 0.25).unwrap();
         for point in [bounds.low, bounds.high, [3.25, 5e6 + 2.75, 2.0]] {
             let place = grid.place(point);
-            let centre = Grid::centre(Grid::key(place));
+            let centre = CubeGrid::centre(CubeGrid::key(place));
             for axis in 0..3 {
                 assert!((place[axis] - centre[axis]).abs() <= 0.5 + 1e-9, "{place:?} {centre:?}");
                 assert!((grid.position(place)[axis] - point[axis]).abs() < 1e-8);
             }
-            let parent = Grid::centre(Grid::parent(Grid::key(place)));
+            let parent = CubeGrid::centre(CubeGrid::parent(CubeGrid::key(place)));
             assert!((0..3).all(|axis| (parent[axis] - place[axis] / 2.0).abs() <= 0.5 + 1e-9));
         }
         // A flat mesh lies in the middle of its only layer.
         assert_eq!(grid.place([0.0, 5e6, 2.0])[2], 0.5);
-        assert!(Grid::around(&bounds, 1e-9).is_none() && Grid::around(&bounds, 0.0).is_none());
+        assert!(
+            CubeGrid::around(&bounds, 1e-9).is_none() && CubeGrid::around(&bounds, 0.0).is_none()
+        );
     }
 }

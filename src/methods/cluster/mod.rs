@@ -14,7 +14,7 @@ mod survey;
 use super::sums::LEAST_SINGULAR;
 use super::{FileOrder, Made, Positions, page_bytes};
 use attributes::{CellAttributes, attribute_bytes, attributes};
-use grid::Grid;
+use grid::CubeGrid;
 use pass::{Clustered, batch_bytes, pass};
 use std::collections::BTreeMap;
 use stonecut_io::ply::{BLOCK_ROWS, MeshSource};
@@ -120,7 +120,7 @@ pub fn cluster(source: &MeshSource, settings: Settings, progress: &Progress) -> 
                 // After some passes a little coarser each time, so that counts which jump come to an end.
                 let aim = AIM.powi(passes as i32) * most as f64;
                 let factor = (n.max(1.0) / aim).powf(1.0 / survey.dimension);
-                Grid::around(&survey.bounds, grid.cell_size * factor.clamp(0.5, 2.0))
+                CubeGrid::around(&survey.bounds, grid.cell_size * factor.clamp(0.5, 2.0))
             }
             _ => None,
         };
@@ -142,7 +142,7 @@ const UNUSED: u32 = u32::MAX;
 fn made(
     source: &MeshSource,
     settings: Settings,
-    grid: &Grid,
+    grid: &CubeGrid,
     done: Clustered,
     progress: &Progress,
 ) -> Result<Made> {
@@ -163,7 +163,9 @@ fn made(
             continue;
         }
         numbers[cell] = made.mesh.positions.len() as u32;
-        made.mesh.positions.push(grid.position(add(Grid::centre(key), sums.point(LEAST_SINGULAR))));
+        made.mesh
+            .positions
+            .push(grid.position(add(CubeGrid::centre(key), sums.point(LEAST_SINGULAR))));
         if !carried.records.is_empty() {
             let channels = cell * n_channels..(cell + 1) * n_channels;
             made.mesh.channels.extend_from_slice(&carried.channels[channels]);

@@ -3,7 +3,7 @@
 //! Blocks of the file are summed by themselves, on any thread, and merged in the order of the file, so that no sum of
 //! floats depends on threads or memory.
 
-use super::grid::Grid;
+use super::grid::CubeGrid;
 use crate::key_table::KeyTable;
 use crate::positions::{Held, Positions};
 use crate::sums::{CellSums, Term};
@@ -192,11 +192,11 @@ impl Batch {
 
     #[inline(always)]
     fn add(&mut self, places: [[f64; 3]; 3]) {
-        let keys = places.map(Grid::key);
+        let keys = places.map(CubeGrid::key);
         let term = Term::new(places);
         if keys[0] == keys[1] && keys[1] == keys[2] {
             let cell = self.cell(keys[0]);
-            self.sums[cell as usize].add_whole(&term, Grid::centre(keys[0]));
+            self.sums[cell as usize].add_whole(&term, CubeGrid::centre(keys[0]));
             self.n_collapsed += 1;
             return;
         }
@@ -206,7 +206,7 @@ impl Batch {
             let is_first = !keys[..k].contains(&keys[k]);
             if is_first {
                 let inside = keys.map(|key| key == keys[k]);
-                self.sums[cells[k] as usize].add_part(&term, Grid::centre(keys[k]), inside);
+                self.sums[cells[k] as usize].add_part(&term, CubeGrid::centre(keys[k]), inside);
             }
         }
         if keys[0] == keys[1] || keys[1] == keys[2] || keys[2] == keys[0] {
@@ -222,7 +222,7 @@ impl Batch {
 pub(super) fn pass(
     source: &MeshSource,
     positions: &Positions,
-    grid: &Grid,
+    grid: &CubeGrid,
     n_cells: usize,
     threads: usize,
     progress: &Progress,

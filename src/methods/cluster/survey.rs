@@ -4,7 +4,7 @@
 //! for a ladder of nested grids, then for three grids near the one that the ladder names.
 
 use super::distinct::Distinct;
-use super::grid::Grid;
+use super::grid::CubeGrid;
 use std::sync::{Mutex, PoisonError};
 use stonecut_io::ply::{MeshSource, VertexBlock};
 use stonecut_mesh::bounds::Bounds;
@@ -47,7 +47,7 @@ pub struct Survey {
     /// The box of all vertices.
     pub bounds: Bounds,
     /// The chosen grid.
-    pub grid: Grid,
+    pub grid: CubeGrid,
     /// Occupied cells, about.
     pub cells: f64,
     /// Rate at which occupied cells grow as the cell size shrinks: 2 for a sheet.
@@ -78,7 +78,7 @@ pub fn survey(
             "all vertices lie in one place: there is no surface to simplify; nothing was written";
         return Err(Error::bad_input(source.path(), what));
     }
-    let grid = |cell_size: f64| Grid::around(&bounds, cell_size);
+    let grid = |cell_size: f64| CubeGrid::around(&bounds, cell_size);
     let aim = match wanted {
         Wanted::CellSize(cell_size) => {
             let diagonal = length_sq(sub(bounds.high, bounds.low)).sqrt();
@@ -181,7 +181,7 @@ impl Passes<'_> {
     }
 
     /// Occupied cells of each grid.
-    fn cells<const N: usize>(&self, grids: [Grid; N]) -> Result<[f64; N]> {
+    fn cells<const N: usize>(&self, grids: [CubeGrid; N]) -> Result<[f64; N]> {
         let schema = self.source.schema();
         let record_bytes = schema.record_bytes();
         let pool = SketchPool::new(N);
@@ -192,7 +192,7 @@ impl Passes<'_> {
                 for record in records.chunks_exact(record_bytes) {
                     let position = schema.position(record);
                     for (k, grid) in grids.iter().enumerate() {
-                        let key = Grid::key(grid.place(position));
+                        let key = CubeGrid::key(grid.place(position));
                         if key != last[k] {
                             last[k] = key;
                             sketches[k].add(key);
@@ -219,14 +219,14 @@ impl Passes<'_> {
         let schema = self.source.schema();
         let record_bytes = schema.record_bytes();
         let finest = extent / ((n_rungs - 1) as f64).exp2();
-        let Some(grid) = Grid::around(bounds, finest) else { return Ok(vec![0.0; n_rungs]) };
+        let Some(grid) = CubeGrid::around(bounds, finest) else { return Ok(vec![0.0; n_rungs]) };
         let pool = SketchPool::new(n_rungs);
         self.blocks(
             |records, (): &mut ()| {
                 let mut sketches = pool.take();
                 let mut last = [u64::MAX; MOST_RUNGS];
                 for record in records.chunks_exact(record_bytes).step_by(step) {
-                    let mut key = Grid::key(grid.place(schema.position(record)));
+                    let mut key = CubeGrid::key(grid.place(schema.position(record)));
                     // Where a cell is the last one, so are all that hold it.
                     for rung in (0..n_rungs).rev() {
                         if key == last[rung] {
@@ -234,7 +234,7 @@ impl Passes<'_> {
                         }
                         last[rung] = key;
                         sketches[rung].add(key);
-                        key = Grid::parent(key);
+                        key = CubeGrid::parent(key);
                     }
                 }
                 pool.put(sketches);

@@ -9,7 +9,7 @@ mod classify;
 mod fill;
 
 use super::Made;
-use super::load::{Loaded, for_records, load, load_bytes};
+use super::load::{LoadedMesh, for_records, load, load_bytes};
 use super::surface::Surface;
 use classify::{Around, Kind};
 use fill::{Refusal, fill};
@@ -59,7 +59,7 @@ pub fn decimate(source: &MeshSource, settings: Settings, progress: &Progress) ->
         )));
     }
     progress.begin("decimate", 1, 2, source.n_triangles().saturating_sub(settings.target));
-    let Loaded { positions, triangles, faults } = load(source, progress)?;
+    let LoadedMesh { positions, triangles, faults } = load(source, progress)?;
     Bounds::around(&positions)
         .hold("--method decimate", [1e-100, 1e50])
         .map_err(|what| Error::bad_input(source.path(), what))?;

@@ -54,7 +54,7 @@ pub struct Settings<'a> {
 
 /// Outcome of an optimisation.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Outcome {
+pub struct OptimizeOutcome {
     /// Sweeps.
     pub sweeps: u64,
     /// Points of the original.
@@ -89,11 +89,11 @@ pub fn optimize(
     records: &mut Vec<u8>,
     samples: Vec<Sample>,
     settings: Settings,
-) -> Result<Outcome> {
+) -> Result<OptimizeOutcome> {
     let Settings { sweeps, threads, progress } = settings;
     let carries = mesh.n_channels > 0 || !records.is_empty();
     let before = carries.then(|| mesh.clone());
-    let mut out = Outcome { samples: samples.len() as u64, ..Outcome::default() };
+    let mut out = OptimizeOutcome { samples: samples.len() as u64, ..OptimizeOutcome::default() };
     let mut surface = Surface::new(mesh, samples);
     out.samples_apart = assign::first(&mut surface, threads, progress)?;
     out.rms_before = surface.rms();

@@ -43,7 +43,12 @@ fn sphere(n: u32, noise: f64) -> Mesh {
     Mesh::new(positions, triangles)
 }
 
-fn optimized(mesh: &Mesh, samples: Vec<Sample>, sweeps: u32, threads: usize) -> (Mesh, Outcome) {
+fn optimized(
+    mesh: &Mesh,
+    samples: Vec<Sample>,
+    sweeps: u32,
+    threads: usize,
+) -> (Mesh, OptimizeOutcome) {
     let mut mesh = mesh.clone();
     let progress = Progress::default();
     let settings = Settings { sweeps, threads, progress: &progress };

@@ -215,15 +215,15 @@ fn lost(surface: &Surface, corners: [u32; 3]) -> f64 {
 }
 
 /// The quadric of every vertex: a third of the area of each triangle around it, and planes that stand on open edges.
-pub(super) fn quadrics(surface: &Surface) -> Vec<Quadric> {
-    let mut quadrics = vec![Quadric::default(); surface.positions.len()];
+pub(super) fn quadrics(surface: &Surface) -> Vec<PairQuadric> {
+    let mut quadrics = vec![PairQuadric::default(); surface.positions.len()];
     let mut sides = Vec::with_capacity(3 * surface.n_alive());
     for corners in surface.alive() {
         let places = corners.map(|v| surface.positions[v as usize]);
         let weighted = normal(places);
         let Some(direction) = unit(weighted) else { continue };
         let weight = length_sq(weighted).sqrt() / 6.0;
-        let quadric = Quadric::of_plane(places[0], direction, weight);
+        let quadric = PairQuadric::of_plane(places[0], direction, weight);
         for (k, &v) in corners.iter().enumerate() {
             quadrics[v as usize] = quadrics[v as usize].plus(&quadric);
             let next = corners[(k + 1) % 3];
@@ -236,7 +236,7 @@ pub(super) fn quadrics(surface: &Surface) -> Vec<Quadric> {
         let [p, q] = [a, b].map(|v| surface.positions[v as usize]);
         let Some(upright) = unit(cross(direction, sub(q, p))) else { continue };
         let weight = BOUNDARY_WEIGHT * length_sq(sub(q, p)) / 2.0;
-        let quadric = Quadric::of_plane(scale(p, 1.0), upright, weight);
+        let quadric = PairQuadric::of_plane(scale(p, 1.0), upright, weight);
         for v in [a, b] {
             quadrics[v as usize] = quadrics[v as usize].plus(&quadric);
         }

@@ -12,7 +12,7 @@ mod contract;
 mod near;
 mod quadric;
 
-use super::load::{Loaded, for_records, load};
+use super::load::{LoadedMesh, for_records, load};
 use super::surface::Surface;
 use super::{MANIFOLD_TRIANGLE_BYTES, Made};
 use contract::{Contraction, plan, plan_at_hub};
@@ -70,7 +70,7 @@ pub fn contract_pairs(
             Surface::MOST_TRIANGLES
         )));
     }
-    let Loaded { mut positions, triangles, faults } = load(source, progress)?;
+    let LoadedMesh { mut positions, triangles, faults } = load(source, progress)?;
     let bounds = Bounds::around(&positions);
     // Small numbers round less.
     let origin = match bounds.is_empty() {
@@ -78,7 +78,7 @@ pub fn contract_pairs(
         false => scale(add(bounds.low, bounds.high), 0.5),
     };
     positions.iter_mut().for_each(|p| *p = sub(*p, origin));
-    let mut carried = Carried::load(source, settings.codec, progress)?;
+    let mut carried = CarriedChannels::load(source, settings.codec, progress)?;
     let mut run = Run::new(Surface::new(positions, triangles), settings.target);
     run.all(&mut carried, progress)?;
     let mut made = made(source, settings.codec, &run, carried, origin, progress)?;
@@ -95,14 +95,18 @@ pub fn contract_pairs(
 }
 
 /// The load of the vertices: channels, and the vertex of the source that labels come from.
-struct Carried {
+struct CarriedChannels {
     n_channels: usize,
     channels: Vec<f32>,
     origin: Vec<u32>,
 }
 
-impl Carried {
-    fn load(source: &MeshSource, codec: &VertexCodec, progress: &Progress) -> Result<Carried> {
+impl CarriedChannels {
+    fn load(
+        source: &MeshSource,
+        codec: &VertexCodec,
+        progress: &Progress,
+    ) -> Result<CarriedChannels> {
         let n = source.n_vertices() as usize;
         let has_any = !source.schema().properties.is_empty();
         let n_channels = if has_any { codec.n_channels() } else { 0 };
@@ -113,7 +117,7 @@ impl Carried {
                 codec.decode_channels(record, &mut channels[at..at + n_channels]);
             })?;
         }
-        Ok(Carried { n_channels, channels, origin: (0..n as u32).collect() })
+        Ok(CarriedChannels { n_channels, channels, origin: (0..n as u32).collect() })
     }
 
     /// Gives `a` what lies at this share of the way from it to `b`.
@@ -140,7 +144,7 @@ type Entry = Reverse<(u64, [u32; 2], [u32; 2])>;
 struct Run {
     surface: Surface,
     target: u64,
-    quadrics: Vec<Quadric>,
+    quadrics: Vec<PairQuadric>,
     /// Partners of each vertex without an edge, as they were found; the vertices may have gone into others since.
     partners: Vec<Vec<u32>>,
     /// The vertex that each one went into, or itself.
@@ -177,7 +181,7 @@ impl Run {
     }
 
     /// Contracts until the target is met, in stretches between which pairs are found again.
-    fn all(&mut self, carried: &mut Carried, progress: &Progress) -> Result<()> {
+    fn all(&mut self, carried: &mut CarriedChannels, progress: &Progress) -> Result<()> {
         let n_given = self.surface.n_alive() as u64;
         progress.begin("pairs", 1, 2, n_given.saturating_sub(self.target));
         while self.surface.n_alive() as u64 > self.target {
@@ -262,7 +266,12 @@ impl Run {
     }
 
     /// Contracts the cheapest pair again and again, until at most `goal` triangles are left or none may be contracted.
-    fn drain(&mut self, goal: u64, carried: &mut Carried, progress: &Progress) -> Result<()> {
+    fn drain(
+        &mut self,
+        goal: u64,
+        carried: &mut CarriedChannels,
+        progress: &Progress,
+    ) -> Result<()> {
         let mut n_steps = 0u64;
         while self.surface.n_alive() as u64 > goal {
             let Some(Reverse((bits, pair, changes))) = self.queue.pop() else { break };
@@ -304,7 +313,7 @@ impl Run {
         [a, b]: [u32; 2],
         place: Vec3,
         contraction: &Contraction,
-        carried: &mut Carried,
+        carried: &mut CarriedChannels,
     ) {
         let [p, q] = [a, b].map(|v| self.surface.positions[v as usize]);
         let way = sub(q, p);
@@ -379,7 +388,7 @@ fn made(
     source: &MeshSource,
     codec: &VertexCodec,
     run: &Run,
-    carried: Carried,
+    carried: CarriedChannels,
     origin: Vec3,
     progress: &Progress,
 ) -> Result<Made> {
@@ -417,8 +426,8 @@ fn made(
 mod tests {
     use super::*;
 
-    fn carried(n: usize) -> Carried {
-        Carried { n_channels: 0, channels: Vec::new(), origin: (0..n as u32).collect() }
+    fn carried(n: usize) -> CarriedChannels {
+        CarriedChannels { n_channels: 0, channels: Vec::new(), origin: (0..n as u32).collect() }
     }
 
     /// Triangles in any order over few vertices, with doubled ones and edges of many: no vertex is left over, no panic.

@@ -9,7 +9,7 @@ const REGULARISATION: f64 = 1e-4;
 
 /// `sum of w ((n . x) - d)^2` over planes.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Quadric {
+pub(super) struct PairQuadric {
     /// Upper triangle of the sum of `w n n^T`, by rows.
     a: [f64; 6],
     /// Sum of `w d n`.
@@ -18,19 +18,19 @@ pub(super) struct Quadric {
     c: f64,
 }
 
-impl Quadric {
+impl PairQuadric {
     /// The plane through a point with a unit normal.
-    pub(super) fn of_plane(point: Vec3, [x, y, z]: Vec3, weight: f64) -> Quadric {
+    pub(super) fn of_plane(point: Vec3, [x, y, z]: Vec3, weight: f64) -> PairQuadric {
         let d = dot(point, [x, y, z]);
         let a = [x * x, x * y, x * z, y * y, y * z, z * z].map(|value| weight * value);
-        Quadric { a, b: scale([x, y, z], weight * d), c: weight * d * d }
+        PairQuadric { a, b: scale([x, y, z], weight * d), c: weight * d * d }
     }
 
     /// Both sums together.
-    pub(super) fn plus(&self, other: &Quadric) -> Quadric {
+    pub(super) fn plus(&self, other: &PairQuadric) -> PairQuadric {
         let mut a = self.a;
         a.iter_mut().zip(other.a).for_each(|(sum, x)| *sum += x);
-        Quadric { a, b: add(self.b, other.b), c: self.c + other.c }
+        PairQuadric { a, b: add(self.b, other.b), c: self.c + other.c }
     }
 
     /// The sum at a point; rounding below 0 is cut off.
@@ -76,14 +76,14 @@ mod tests {
     fn three_planes_meet_in_their_corner_and_one_leaves_the_middle() {
         let corner = [1.5, -2.0, 0.25];
         let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let walls = axes.map(|axis| Quadric::of_plane(corner, axis, 2.0));
-        let all = walls.iter().fold(Quadric::default(), |sum, wall| sum.plus(wall));
+        let walls = axes.map(|axis| PairQuadric::of_plane(corner, axis, 2.0));
+        let all = walls.iter().fold(PairQuadric::default(), |sum, wall| sum.plus(wall));
         let found = all.least([1.4, -2.1, 0.3]);
         assert!(length_sq(sub(found, corner)) < 1e-6, "{found:?}");
         assert!(all.error(found) < 1e-6 && (all.weight() - 6.0).abs() < 1e-12);
         let found = walls[0].least([1.0, 7.0, 8.0]);
         assert!(length_sq(sub(found, [1.5, 7.0, 8.0])) < 1e-6, "{found:?}");
-        assert_eq!(Quadric::default().least([1.0, 2.0, 3.0]), [1.0, 2.0, 3.0]);
+        assert_eq!(PairQuadric::default().least([1.0, 2.0, 3.0]), [1.0, 2.0, 3.0]);
         assert!((walls[2].error([0.0, 0.0, 1.25]) - 2.0).abs() < 1e-12);
     }
 }

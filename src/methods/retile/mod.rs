@@ -14,7 +14,7 @@ mod refine;
 mod seeds;
 mod shape;
 
-use super::load::{Loaded, for_records, load, load_bytes};
+use super::load::{LoadedMesh, for_records, load, load_bytes};
 use super::{MANIFOLD_TRIANGLE_BYTES, Made};
 use clusters::{CLUSTER_BYTES, Clusters, FURTHER_PASSES, NONE, PASSES, SETTLING_PASSES};
 use dual::Dual;
@@ -79,7 +79,7 @@ pub fn retile(source: &MeshSource, settings: Settings, progress: &Progress) -> R
         )));
     }
     progress.begin("retile", 1, 2, source.n_triangles());
-    let Loaded { positions, triangles, faults } = load(source, progress)?;
+    let LoadedMesh { positions, triangles, faults } = load(source, progress)?;
     let bounds = Bounds::around(&positions);
     bounds
         .hold("--method retile", [1e-100, 1e36])

@@ -3,6 +3,7 @@
 //! An image comes with all its halves, so that no look-up skips texels. What cannot be decoded is noted and stays without
 //! an image. Does not know materials.
 
+use super::light_table::{Light, LightTable, LightValues, pixel_of};
 use super::map_use::MapUse;
 use super::palette::{Palette, Picture, image_bytes};
 use std::collections::{BTreeMap, BTreeSet};
@@ -10,118 +11,21 @@ use std::io::Cursor;
 use std::sync::Arc;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use stonecut_io::materials::{all_missing, copy_bytes};
-use stonecut_mesh::oklab::{linear_of_srgb, srgb_of_linear};
 use stonecut_system::error::Result;
 use stonecut_system::losses::{Ledger, Loss, LossKind};
 use stonecut_system::parallel::{guarded, in_order};
 use stonecut_system::progress::Progress;
 
-/// Colour in linear light, and opacity.
-pub type Light = [f32; 4];
-
 /// A decoded image: sRGB and opacity, in its size, and in the halves of it that anything was looked up in.
 pub struct Decoded {
-    levels: Vec<OnceLock<Level>>,
+    levels: Vec<OnceLock<ImageLevel>>,
     /// True if any of its pixels is not opaque.
     has_opacity: bool,
 }
 
-struct Level {
+struct ImageLevel {
     size: [u32; 2],
     pixels: Vec<[u8; 4]>,
-}
-
-/// Light of the 256 values of a pixel.
-pub struct LightTable {
-    light: [f32; 256],
-    is_plain: bool,
-}
-
-impl LightTable {
-    /// Linear light of sRGB.
-    pub fn new() -> LightTable {
-        let light = std::array::from_fn(|i| linear_of_srgb(i as f64 / 255.0) as f32);
-        LightTable { light, is_plain: false }
-    }
-
-    /// The values themselves, from 0 to 1: of images that do not hold colours.
-    pub fn plain() -> LightTable {
-        LightTable { light: std::array::from_fn(|i| i as f32 / 255.0), is_plain: true }
-    }
-
-    /// The pixel of what `of` gives.
-    fn pixel(&self, light: Light) -> [u8; 4] {
-        if !self.is_plain {
-            return pixel_of(light);
-        }
-        let [r, g, b, opacity] = light;
-        let value = |x: f32| (255.0 * (x / opacity).clamp(0.0, 1.0)).round() as u8;
-        match opacity > 0.0 {
-            true => [value(r), value(g), value(b), (255.0 * opacity.min(1.0)).round() as u8],
-            false => [0; 4],
-        }
-    }
-
-    /// Colour of a pixel, multiplied by its opacity.
-    pub fn of(&self, [r, g, b, a]: [u8; 4]) -> Light {
-        let opacity = f32::from(a) / 255.0;
-        let light = |x: u8| self.light[usize::from(x)] * opacity;
-        [light(r), light(g), light(b), opacity]
-    }
-}
-
-/// The pixel of a colour that is multiplied by its opacity.
-pub fn pixel_of([r, g, b, opacity]: Light) -> [u8; 4] {
-    if opacity.is_nan() || opacity <= 0.0 {
-        return [0; 4];
-    }
-    let values = VALUES.get_or_init(Values::new);
-    let value = |light: f32| values.of(light / opacity);
-    [value(r), value(g), value(b), (255.0 * opacity.min(1.0)).round() as u8]
-}
-
-/// The 256 values of light, found without roots.
-static VALUES: OnceLock<Values> = OnceLock::new();
-
-struct Values {
-    /// For each value the least light that has it, and one more that nothing has.
-    least: [f32; 257],
-    /// The value of every step of light.
-    of_step: [u8; Values::STEPS as usize + 1],
-}
-
-impl Values {
-    /// Steps of light; hardly any has more than two values.
-    const STEPS: f32 = 4096.0;
-
-    fn new() -> Values {
-        let (mut least, mut first) = ([f32::INFINITY; 257], 0f32.to_bits());
-        for (value, least) in least.iter_mut().take(256).enumerate() {
-            // Positive numbers are in the order of their bits.
-            let mut end = 1f32.to_bits();
-            while first < end {
-                let middle = first.midpoint(end);
-                let is_less = usize::from(Values::by_formula(f32::from_bits(middle))) < value;
-                (first, end) = if is_less { (middle + 1, end) } else { (first, middle) };
-            }
-            *least = f32::from_bits(first);
-        }
-        let of_step = std::array::from_fn(|i| Values::by_formula(i as f32 / Values::STEPS));
-        Values { least, of_step }
-    }
-
-    fn by_formula(light: f32) -> u8 {
-        (255.0 * srgb_of_linear(f64::from(light))).round() as u8
-    }
-
-    fn of(&self, light: f32) -> u8 {
-        let light = light.clamp(0.0, 1.0);
-        let mut value = self.of_step[(light * Values::STEPS) as usize];
-        while light >= self.least[usize::from(value) + 1] {
-            value += 1;
-        }
-        value
-    }
 }
 
 /// First bytes of a KTX2 file.
@@ -149,7 +53,7 @@ impl Decoded {
         Ok(Decoded::of_level(pixels_of(bytes, size)?))
     }
 
-    fn of_level(first: Level) -> Decoded {
+    fn of_level(first: ImageLevel) -> Decoded {
         let size = first.size;
         let has_opacity = first.pixels.iter().any(|pixel| pixel[3] < 255);
         let n_levels = 1 + size[0].max(size[1]).max(1).ilog2() as usize;
@@ -159,7 +63,7 @@ impl Decoded {
     }
 
     /// The image after some halvings, or as often as it can be halved; made when it is first asked for.
-    fn level(&self, halvings: usize, table: &LightTable) -> &Level {
+    fn level(&self, halvings: usize, table: &LightTable) -> &ImageLevel {
         let at = halvings.min(self.levels.len() - 1);
         self.levels[at].get_or_init(|| self.level(at - 1, table).half(table))
     }
@@ -223,13 +127,13 @@ impl Decoded {
 }
 
 /// Decodes the file of an image whose head names `size`; the error says in words why that is not possible.
-fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<Level, String> {
+fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<ImageLevel, String> {
     if let Some(pixels) = super::jpeg::pixels_of(bytes, size) {
-        return Ok(Level { size, pixels });
+        return Ok(ImageLevel { size, pixels });
     }
     if bytes.starts_with(KTX2_MAGIC) {
         #[cfg(feature = "ktx2")]
-        return super::ktx2_image::pixels_of(bytes, size).map(Level::of_image);
+        return super::ktx2_image::pixels_of(bytes, size).map(ImageLevel::of_image);
         #[cfg(not(feature = "ktx2"))]
         return Err(
             "KTX2, which this build does not read; turn it into JPEG or PNG first (gltf-transform), or build with the \
@@ -253,7 +157,7 @@ fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<Level, String> {
     let is_linear = reader.format() == Some(image::ImageFormat::OpenExr);
     let decoded = reader.decode().map_err(|error| error.to_string())?;
     if !is_linear {
-        return Ok(Level::of_image(decoded.into_rgba8()));
+        return Ok(ImageLevel::of_image(decoded.into_rgba8()));
     }
     // OpenEXR holds light; brighter than white is white.
     let mut pixels = image::RgbaImage::new(decoded.width(), decoded.height());
@@ -262,7 +166,7 @@ fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<Level, String> {
         let [r, g, b, opacity] = from.0;
         to.0 = [value(r), value(g), value(b), (255.0 * opacity.clamp(0.0, 1.0)).round() as u8];
     }
-    Ok(Level::of_image(pixels))
+    Ok(ImageLevel::of_image(pixels))
 }
 
 /// Texels along a side of `n` that become texel `to` of half the side, and their shares: two, and three of an odd side.
@@ -278,19 +182,19 @@ fn merged(n: u32, to: u32) -> impl Iterator<Item = (usize, f32)> {
     (0..).zip(shares).take(if has_three { 3 } else { 2 }).map(texel)
 }
 
-impl Level {
-    fn of_image(image: image::RgbaImage) -> Level {
+impl ImageLevel {
+    fn of_image(image: image::RgbaImage) -> ImageLevel {
         let size = [image.width(), image.height()];
-        Level { size, pixels: image.into_raw().as_chunks::<4>().0.to_vec() }
+        ImageLevel { size, pixels: image.into_raw().as_chunks::<4>().0.to_vec() }
     }
 
     /// The same in half the size, rounded down.
-    fn half(&self, table: &LightTable) -> Level {
+    fn half(&self, table: &LightTable) -> ImageLevel {
         let size = self.size.map(|side| (side / 2).max(1));
         let mut pixels = Vec::with_capacity(size[0] as usize * size[1] as usize);
         if self.size.iter().all(|side| side % 2 == 0) {
             // The sums of below, many times as fast.
-            let values = VALUES.get_or_init(Values::new);
+            let values = LightValues::all();
             let light = |value: u8| table.light[usize::from(value)];
             for rows in self.pixels.chunks_exact(2 * self.size[0] as usize) {
                 let (upper, lower) = rows.split_at(self.size[0] as usize);
@@ -308,7 +212,7 @@ impl Level {
                     table.pixel([mean(0), mean(1), mean(2), mean(3)])
                 }));
             }
-            return Level { size, pixels };
+            return ImageLevel { size, pixels };
         }
         for y in 0..size[1] {
             for x in 0..size[0] {
@@ -324,7 +228,7 @@ impl Level {
                 pixels.push(table.pixel(sum));
             }
         }
-        Level { size, pixels }
+        ImageLevel { size, pixels }
     }
 }
 
@@ -485,7 +389,7 @@ mod tests {
     #[test]
     fn light_is_mixed_not_its_values() {
         let table = LightTable::new();
-        let level = |pixels: Vec<[u8; 4]>| Level { size: [2, 1], pixels };
+        let level = |pixels: Vec<[u8; 4]>| ImageLevel { size: [2, 1], pixels };
         let half = level(vec![[0, 0, 0, 255], [255, 255, 255, 255]]).half(&table);
         assert_eq!(half.pixels, [[188, 188, 188, 255]]);
         // The colour of what cannot be seen does not count.
@@ -497,24 +401,10 @@ mod tests {
         }
     }
 
-    #[test]
-    fn values_are_those_of_the_formula() {
-        let values = Values::new();
-        for bits in (0..=1f32.to_bits()).step_by(9973).chain(
-            values.least[..256]
-                .iter()
-                .flat_map(|least| [least.to_bits().saturating_sub(1), least.to_bits()]),
-        ) {
-            let light = f32::from_bits(bits);
-            assert_eq!(values.of(light), Values::by_formula(light), "{light}");
-        }
-        assert_eq!([f32::NAN, -1.0, 1.0, f32::INFINITY].map(|x| values.of(x)), [0, 0, 255, 255]);
-    }
-
     /// Pixels that have nothing to do with each other.
-    fn noise(size: [u32; 2]) -> Level {
+    fn noise(size: [u32; 2]) -> ImageLevel {
         let value = |i: u32| (i.wrapping_mul(2_654_435_761) >> 13).to_le_bytes();
-        Level { size, pixels: (1..=size[0] * size[1]).map(value).collect() }
+        ImageLevel { size, pixels: (1..=size[0] * size[1]).map(value).collect() }
     }
 
     #[test]
@@ -522,21 +412,21 @@ mod tests {
         let table = LightTable::plain();
         let row = |values: &[u8]| {
             let pixels = values.iter().map(|&value| [value, value, value, 255]).collect();
-            Level { size: [values.len() as u32, 1], pixels }
+            ImageLevel { size: [values.len() as u32, 1], pixels }
         };
-        let half = |level: Level| level.half(&table);
+        let half = |level: ImageLevel| level.half(&table);
         // A strip of three colours.
         assert_eq!(half(row(&[0, 0, 240])).pixels, [[80, 80, 80, 255]]);
         // Five columns become two of 2.5 each.
         let two = half(row(&[100, 50, 200, 50, 250])).pixels;
         assert_eq!(two, [[100, 100, 100, 255], [160, 160, 160, 255]]);
         // The same along the other side.
-        let column = Level { size: [1, 3], ..row(&[0, 0, 240]) };
+        let column = ImageLevel { size: [1, 3], ..row(&[0, 0, 240]) };
         assert_eq!(half(column).pixels, [[80, 80, 80, 255]]);
         // One colour stays what it is, whatever the size.
         for size in [[3, 5], [7, 2], [9, 1], [255, 3]] {
             let pixels = vec![[9, 130, 255, 255]; (size[0] * size[1]) as usize];
-            let half = half(Level { size, pixels });
+            let half = half(ImageLevel { size, pixels });
             assert_eq!(half.size, size.map(|side| (side / 2).max(1)));
             assert!(half.pixels.iter().all(|pixel| *pixel == [9, 130, 255, 255]), "{size:?}");
         }
@@ -565,7 +455,7 @@ mod tests {
     fn decoded(pixels: &[[u8; 4]]) -> Decoded {
         let bytes = pixels.as_flattened().to_vec();
         let image = image::RgbaImage::from_raw(pixels.len() as u32, 1, bytes).unwrap();
-        Decoded::of_level(Level::of_image(image))
+        Decoded::of_level(ImageLevel::of_image(image))
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Colours of many places: images one after the other, as many at a time as the cache holds.
 
-use super::images::{Decoded, ImageCache, Light};
+use super::images::{Decoded, ImageCache};
+use super::light_table::Light;
 use super::palette::{Paint, Palette};
 use super::purpose::SEEN;
 use std::ops::Range;

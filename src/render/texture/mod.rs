@@ -9,6 +9,7 @@ mod images;
 mod jpeg;
 #[cfg(feature = "ktx2")]
 mod ktx2_image;
+mod light_table;
 mod lights;
 mod map_use;
 mod page;
@@ -16,7 +17,8 @@ mod palette;
 mod purpose;
 
 pub use frames::{Axes, FrameCorner, Tangent, outward, tangents, unpacked};
-pub use images::{Decoded, ImageCache, Light, pixel_of};
+pub use images::{Decoded, ImageCache};
+pub use light_table::{Light, pixel_of};
 pub use lights::{Spot, look_up, multiply, times_opacity};
 pub use map_use::MapUse;
 pub use page::{add_corners, apart, corner_bytes};

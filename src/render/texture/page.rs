@@ -3,7 +3,8 @@
 //! For meshes that are put together from pieces with an image each (`pipeline/extract`). Several images and several
 //! materials are in `lights`.
 
-use super::images::{Decoded, Light, LightTable};
+use super::images::Decoded;
+use super::light_table::{Light, LightTable};
 use super::lights::times_opacity;
 use super::map_use::MapUse;
 use super::palette::image_bytes;

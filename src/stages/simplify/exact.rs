@@ -25,7 +25,7 @@ use stonecut_system::error::Result;
 pub fn simplify_cells_exactly(round: &CellRun) -> Result<SurvivorInfo> {
     let (thresholds, _) = sealed_thresholds(round, false)?;
     let round = CellRun { options: &Options { keeps_relief: false, ..round.fitted() }, ..*round };
-    let standing = Standing::default();
+    let standing = StandingCells::default();
     let name = format!("round {} exact levels", round.goal.round);
     let levels: ExactLevels =
         round.context.job.sealed(&name, || descend(&round, &thresholds, &standing))?;
@@ -43,9 +43,9 @@ pub fn simplify_cells_exactly(round: &CellRun) -> Result<SurvivorInfo> {
 
 /// Cells that stand on their way down close levels; their meshes are on the way.
 #[derive(Default)]
-struct Standing(Mutex<BTreeMap<CellId, (CellMesh, CloseLevels)>>);
+struct StandingCells(Mutex<BTreeMap<CellId, (CellMesh, CloseLevels)>>);
 
-impl Standing {
+impl StandingCells {
     fn put(&self, cell: CellId, standing: (CellMesh, CloseLevels)) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(cell, standing);
     }
@@ -65,7 +65,11 @@ impl Standing {
 }
 
 /// Finds the levels that meet the goal. Cells that the memory holds are left `standing`.
-fn descend(round: &CellRun, thresholds: &Thresholds, standing: &Standing) -> Result<ExactLevels> {
+fn descend(
+    round: &CellRun,
+    thresholds: &Thresholds,
+    standing: &StandingCells,
+) -> Result<ExactLevels> {
     let CellRun { store, goal, options, context: run, .. } = *round;
     let levels = close_levels(thresholds);
     if levels.is_empty() {

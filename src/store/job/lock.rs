@@ -27,13 +27,13 @@ const PAUSE: Duration = Duration::from_millis(20);
 
 /// A held lock; dropping it gives the folder free.
 #[derive(Debug)]
-pub struct Lock {
+pub struct JobLock {
     _file: File,
 }
 
-impl Lock {
+impl JobLock {
     /// Takes the lock of a job folder, or says who holds it.
-    pub fn take(folder: &Path) -> Result<Lock> {
+    pub fn take(folder: &Path) -> Result<JobLock> {
         loop {
             if let Some(lock) = Self::take_once(folder)? {
                 return Ok(lock);
@@ -42,7 +42,7 @@ impl Lock {
     }
 
     /// `None` if the file was removed, with its folder perhaps, between opening and locking it.
-    fn take_once(folder: &Path) -> Result<Option<Lock>> {
+    fn take_once(folder: &Path) -> Result<Option<JobLock>> {
         std::fs::DirBuilder::new()
             .recursive(true)
             .mode(0o700)
@@ -89,7 +89,7 @@ impl Lock {
             .and_then(|()| file.rewind())
             .and_then(|()| writeln!(file, "host {host}, process {}", std::process::id()))
             .map_err(io("cannot write lock"))?;
-        Ok(Some(Lock { _file: file }))
+        Ok(Some(JobLock { _file: file }))
     }
 }
 

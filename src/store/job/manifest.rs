@@ -39,7 +39,7 @@ pub struct Identity {
 }
 
 #[derive(Deserialize)]
-struct Line {
+struct ManifestLine {
     name: String,
     outcome: serde_json::Value,
 }
@@ -227,7 +227,7 @@ fn foreign_name(outcome: &serde_json::Value) -> Option<&str> {
     pack_names(outcome).into_iter().find(|name| !is_name(name))
 }
 
-fn parse_line(line: &[u8]) -> Option<Line> {
+fn parse_line(line: &[u8]) -> Option<ManifestLine> {
     let text = std::str::from_utf8(line).ok()?;
     let (json, sum) = text.rsplit_once('\t')?;
     (u64::from_str_radix(sum, 16).ok()? == xxh3_64(json.as_bytes())).then_some(())?;

@@ -32,7 +32,7 @@ pub struct Job {
     /// Begin of the names of all files that are made here; empty but for guests.
     prefix: String,
     /// Held for its destructor, which gives the folder free. None for guests.
-    _lock: Option<Lock>,
+    _lock: Option<JobLock>,
 }
 
 impl Job {
@@ -215,11 +215,11 @@ impl Job {
 }
 
 /// Makes a job folder, or takes one that is ours and not in use for something else, and locks it.
-fn take_folder(folder: &Path, disk: &Disk) -> Result<Lock> {
+fn take_folder(folder: &Path, disk: &Disk) -> Result<JobLock> {
     if !disk.own_dir(folder)? {
         own_names::refuse_foreign(folder)?;
     }
-    Lock::take(folder)
+    JobLock::take(folder)
 }
 
 /// True if a folder holds what is left of a job without its manifest: of a run that ended after `output` was written, and was

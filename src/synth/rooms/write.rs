@@ -88,7 +88,7 @@ fn is_ours(file: &Path) -> Option<bool> {
 /// Writes everything to `path` and beside it; returns the number of images.
 pub(in super::super) fn write(
     path: &Path,
-    surface: &Counted<Rooms>,
+    surface: &CountedSurface<Rooms>,
     stream: &Stream,
     mut header: OutputHeader,
     shuffle: Option<u64>,
@@ -170,7 +170,7 @@ impl Drop for Made {
 fn write_mesh(
     file: &mut MeshSink,
     path: &Path,
-    surface: &Counted<Rooms>,
+    surface: &CountedSurface<Rooms>,
     stream: &Stream,
     shuffle: Option<u64>,
 ) -> Result<()> {
@@ -195,7 +195,7 @@ fn write_mesh(
 
 /// Hands on all faces, `FACE_BYTES` each: corners, texture coordinates, number of the image.
 pub(in super::super) fn faces(
-    surface: &Counted<Rooms>,
+    surface: &CountedSurface<Rooms>,
     stream: &Stream,
     order: Option<&Order>,
     mut sink: impl FnMut(&[u8]) -> Result<()>,

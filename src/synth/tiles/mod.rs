@@ -68,9 +68,9 @@ const PLAIN: usize = 6;
 const TEXTURED: usize = PLAIN + 7;
 
 /// A mesh to be cut; with `rooms`, which is the same surface, its textures too.
-pub(super) struct Whole<'a> {
+pub(super) struct WholeScan<'a> {
     pub(super) stream: Stream<'a>,
-    pub(super) rooms: Option<&'a Counted<Rooms>>,
+    pub(super) rooms: Option<&'a CountedSurface<Rooms>>,
     pub(super) header: OutputHeader,
 }
 
@@ -120,7 +120,7 @@ impl Drop for Pending {
 /// texture. The bytes depend on the mesh, the cut and the format alone.
 pub(super) fn write(
     to: &Path,
-    whole: &Whole,
+    whole: &WholeScan,
     cut: &Cut,
     format: OutputFormat,
 ) -> Result<TileCounts> {
@@ -145,7 +145,7 @@ pub(super) fn write(
 /// A mesh whose vertices are on disk, and the boxes of its tiles.
 struct Cutter<'a, const N: usize> {
     folder: &'a Path,
-    whole: &'a Whole<'a>,
+    whole: &'a WholeScan<'a>,
     cut: &'a Cut,
     format: OutputFormat,
     kind: OutputKind,
@@ -156,7 +156,12 @@ struct Cutter<'a, const N: usize> {
 }
 
 impl<'a, const N: usize> Cutter<'a, N> {
-    fn new(folder: &'a Path, whole: &'a Whole, cut: &'a Cut, format: OutputFormat) -> Result<Self> {
+    fn new(
+        folder: &'a Path,
+        whole: &'a WholeScan,
+        cut: &'a Cut,
+        format: OutputFormat,
+    ) -> Result<Self> {
         let kind = format.kind.unwrap_or(OutputKind::Ply);
         let (vertices, boxes) = read_vertices(folder, whole, cut)?;
         let mut images = Vec::new();
@@ -298,7 +303,7 @@ impl<'a, const N: usize> Cutter<'a, N> {
 }
 
 /// Puts all vertices on disk, and makes the boxes of the tiles.
-fn read_vertices(folder: &Path, whole: &Whole, cut: &Cut) -> Result<(RawFile, Boxes)> {
+fn read_vertices(folder: &Path, whole: &WholeScan, cut: &Cut) -> Result<(RawFile, Boxes)> {
     let schema = whole.stream.layout.schema();
     let n_vertices = whole.stream.surface.n_vertices();
     let stride = (n_vertices / (SAMPLE * cut.n_tiles).max(LEAST_SAMPLE)).max(1);

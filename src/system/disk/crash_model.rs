@@ -22,7 +22,7 @@ pub enum PowerLoss {
 
 /// One file, under whatever name.
 #[derive(Debug, Default)]
-struct Content {
+struct FileContent {
     durable: Vec<u8>,
     /// Byte ranges that were punched since the last sync.
     holes: Vec<(u64, u64)>,
@@ -31,7 +31,7 @@ struct Content {
 /// The durable state beside the living one.
 #[derive(Debug, Default)]
 pub(super) struct Losses {
-    contents: Vec<Content>,
+    contents: Vec<FileContent>,
     by_inode: HashMap<u64, usize>,
     known: BTreeSet<PathBuf>,
     live: BTreeMap<PathBuf, usize>,
@@ -54,7 +54,7 @@ impl Losses {
     }
 
     fn new_content(&mut self, inode: u64) -> usize {
-        self.contents.push(Content::default());
+        self.contents.push(FileContent::default());
         self.by_inode.insert(inode, self.contents.len() - 1);
         self.contents.len() - 1
     }
@@ -68,7 +68,7 @@ impl Losses {
         self.live.insert(path.into(), id);
     }
 
-    fn content_of(&mut self, file: &File) -> Option<&mut Content> {
+    fn content_of(&mut self, file: &File) -> Option<&mut FileContent> {
         let inode = file.metadata().ok()?.ino();
         let id = *self.by_inode.get(&inode)?;
         self.contents.get_mut(id)
