@@ -1,8 +1,6 @@
 //! Colours of every type and range come out as the same colours in every format.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::expect;
+use crate::common::{expect, scratch};
 use serde_json::Value;
 use std::path::Path;
 
@@ -56,8 +54,7 @@ fn first_colour(path: &Path) -> (Value, Vec<u16>) {
 
 #[test]
 fn glb_has_linear_light_and_gives_every_byte_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     std::fs::write(folder.join("grey.ply"), strip("uchar", |_| "128".to_owned())).unwrap();
     expect(folder, "convert grey.ply grey.glb", 0);
     let (accessor, words) = first_colour(&folder.join("grey.glb"));
@@ -71,8 +68,7 @@ fn glb_has_linear_light_and_gives_every_byte_back() {
 
 #[test]
 fn opacity_goes_through_glb_as_it_is() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let text = strip("uchar", |grey| grey.to_string());
     let text = text.replace("property uchar blue\n", "property uchar blue\nproperty uchar alpha\n");
     let (head, body) = text.split_once("end_header\n").unwrap();
@@ -89,8 +85,7 @@ fn opacity_goes_through_glb_as_it_is() {
 
 #[test]
 fn a_range_is_that_of_the_values() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let share = |grey: u32| (f64::from(grey) / 255.0).to_string();
     let values: [(&str, &dyn Fn(u32) -> String); 8] = [
         ("uchar", &|grey| grey.to_string()),
@@ -122,8 +117,7 @@ fn a_range_is_that_of_the_values() {
 
 #[test]
 fn one_bright_value_makes_no_other_range_and_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let value = |grey: u32| match grey {
         255 => "1.02".to_owned(),
         _ => (f64::from(grey) / 255.0).to_string(),
@@ -150,8 +144,7 @@ fn one_bright_value_makes_no_other_range_and_is_named() {
 
 #[test]
 fn vertices_without_a_colour_are_white_and_counted() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let text = "v 0 0 0\nv 0 1 0\nv 1 0 0 0.5 0.5 0.5\nv 1 1 0 nan nan nan\nv 2 0 0\nv 2 1 0 1 0 0\n\
                 f 1 3 2\nf 2 3 4\nf 3 5 4\nf 4 5 6\n";
     std::fs::write(folder.join("in.obj"), text).unwrap();
@@ -171,8 +164,7 @@ fn vertices_without_a_colour_are_white_and_counted() {
 
 #[test]
 fn a_tile_converts_to_the_colours_that_extract_gives() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     std::fs::write(folder.join("in.ply"), strip("uchar", |grey| grey.to_string())).unwrap();
     expect(folder, "tiles in.ply t --compress none -q", 0);
     expect(folder, "extract t out.ply --max-error 0 -q", 0);

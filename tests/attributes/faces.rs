@@ -1,8 +1,6 @@
 //! What faces carry: labels as regions, colours and measures averaged, flags of every type, in cells or not.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{check, count, expect, json};
+use crate::common::{check, count, expect, json, scratch};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -202,8 +200,7 @@ fn region([x, _, z]: [f64; 3]) -> f64 {
 /// Names say nothing of where a property comes from: those of vertices may be any, also those of faces.
 #[test]
 fn vertices_may_have_the_names_of_faces() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let (points, faces) = sphere(24);
     let own =
         ["int label", "float region:label", "int region:", "uchar face:red", "int from_faces_0"];
@@ -258,8 +255,7 @@ fn vertices_may_have_the_names_of_faces() {
 
 #[test]
 fn regions_keep_their_areas_and_borders() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let mesh = sphere(150);
     let properties = ["int label", "uchar red", "uchar green", "uchar blue"];
     let colour = |c: [f64; 3], k: usize| ((region(c).abs() as usize * (k + 3)) % 256) as f64;
@@ -343,8 +339,7 @@ fn pieces(mesh: &Read) -> usize {
 
 #[test]
 fn regions_that_vanish_are_counted_once_whatever_the_cells() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let patch = |c: [f64; 3]| c.map(|x| ((x + 10.0) / 2.1).floor());
     write(&folder.join("in.ply"), &sphere(120), &["int patch"], |_, c, _| {
         let [x, y, z] = patch(c);
@@ -382,8 +377,7 @@ const DIALECTS: [(&str, &[&str]); 6] = [
 
 #[test]
 fn every_property_of_every_program_comes_back_with_its_type() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let mesh = sphere(40);
     for (program, properties) in DIALECTS {
         let is_float = |i: usize| {
@@ -427,8 +421,7 @@ fn every_property_of_every_program_comes_back_with_its_type() {
 
 #[test]
 fn colours_that_differ_from_face_to_face_are_averaged_and_ids_chosen() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let properties =
         ["uchar red", "uchar green", "uchar blue", "int id", "float class", "float nan"];
     write(&folder.join("in.ply"), &sphere(100), &properties, |f, c, i| match i {
@@ -478,8 +471,7 @@ fn a_few_faces_keep_what_each_of_them_has() {
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     let faces = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
     let mesh = ((0..8).map(corner).collect(), faces);
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let properties = ["uchar red", "uchar green", "uchar blue", "int64 side"];
     let value = |f: usize, _: [f64; 3], i: usize| match i {
         3 => (f / 2) as f64 - (1i64 << 40) as f64,
@@ -503,8 +495,7 @@ fn a_few_faces_keep_what_each_of_them_has() {
 
 #[test]
 fn polygons_and_broken_faces_keep_rows_and_values_together() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     // 0 -- 1 -- 2    6 is no place, 9 does not exist.
     // |    |    |
     // 3 -- 4 -- 5
@@ -538,8 +529,7 @@ fn polygons_and_broken_faces_keep_rows_and_values_together() {
 
 #[test]
 fn what_a_format_has_no_place_for_is_said() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let properties = ["int texnumber", "uchar label"];
     write(&folder.join("in.ply"), &sphere(30), &properties, |_, c, _| f64::from(c[0] > 0.0));
     let n = check(folder, "in.ply")["vertices"].as_i64().unwrap();
@@ -569,8 +559,7 @@ fn what_a_format_has_no_place_for_is_said() {
 
 #[test]
 fn rows_that_are_missing_are_counted_where_faces_have_values_too() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     write(&folder.join("whole.ply"), &sphere(30), &["uchar red"], |_, c, _| {
         if c[0] > 0.0 { 255.0 } else { 3.0 }
     });
@@ -587,8 +576,7 @@ fn rows_that_are_missing_are_counted_where_faces_have_values_too() {
 
 #[test]
 fn faces_that_cannot_be_read_are_left_out_with_their_values() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let text = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\n\
                 property float z\nelement face 5\nproperty list uchar int vertex_indices\n\
                 property uchar red\nend_header\n\

@@ -1,8 +1,6 @@
 //! Labels of vertices: their borders stay sharp, numbers that differ nearly everywhere hold nothing.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::expect;
+use crate::common::{expect, scratch};
 use crate::faces::{Triangles, sphere};
 use std::path::Path;
 
@@ -94,8 +92,7 @@ fn wrong(path: &Path) -> f64 {
 
 #[test]
 fn borders_of_labels_stay_sharp() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let mesh = sphere(90);
     write(&at.join("in.ply"), &mesh, "uchar label", |v| vec![label(mesh.0[v])]);
     let before = wrong(&at.join("in.ply"));
@@ -109,8 +106,7 @@ fn borders_of_labels_stay_sharp() {
 
 #[test]
 fn numbers_of_vertices_hold_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let mesh = sphere(40);
     write(&at.join("ids.ply"), &mesh, "int id", |v| (7 * v as i32).to_le_bytes().to_vec());
     write(&at.join("none.ply"), &mesh, "int id", |_| vec![0; 4]);

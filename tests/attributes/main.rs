@@ -1,5 +1,7 @@
 //! Colours, normals, labels and other values of vertices and faces, through the whole program.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 #[path = "../common/mod.rs"]
 mod common;
 

@@ -1,8 +1,6 @@
 //! Every property name that programs are known to write comes back, with its type and its meaning.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::expect;
+use crate::common::{expect, scratch};
 use std::path::Path;
 
 /// Vertex properties of a program besides x, y and z, as in ../shared/PLY-DIALECTS.md.
@@ -227,8 +225,7 @@ fn write(path: &Path, coordinate: &str, properties: &[&str]) {
 
 #[test]
 fn every_property_of_every_program_comes_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     for (program, coordinate, properties) in DIALECTS {
         write(&folder.join("in.ply"), coordinate, properties);
         for cells in ["1M", "1000"] {

@@ -1,7 +1,5 @@
 //! Colours, labels and textures through the whole program: cells or not, at vertices or at corners.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::Command;

@@ -1,9 +1,7 @@
 //! In which form attributes are written: normals kept, computed or dropped; textures at corners after any
 //! number of cells, in PLY and OBJ.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{check, count, expect};
+use crate::common::{check, count, expect, scratch};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -105,8 +103,7 @@ fn open_edges(faces: impl Iterator<Item = [usize; 3]>) -> usize {
 
 #[test]
 fn textures_of_obj_come_back_from_one_cell_and_from_many() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     std::fs::write(folder.join("in.obj"), sheet(120)).unwrap();
     let library = "newmtl right\nmap_Kd -s 1 1 1 right.png\nnewmtl left side\nmap_Kd left.png\n";
     std::fs::write(folder.join("sheet.mtl"), library).unwrap();
@@ -244,8 +241,7 @@ fn area_normals(rows: &[Vec<f32>], faces: &[[usize; 3]]) -> Vec<[f64; 3]> {
 
 #[test]
 fn normals_are_kept_computed_anew_or_dropped() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     sphere(&folder.join("in.ply"));
     let names = |with: bool| {
         let all = ["x", "y", "z", "nx", "ny", "nz", "quality"];

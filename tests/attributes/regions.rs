@@ -1,8 +1,6 @@
 //! Regions of faces with labels: counted by `info --check`, split by `convert`.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{count, expect, json, run};
+use crate::common::{count, expect, json, run, scratch};
 use std::path::Path;
 
 /// `info --check --json` with further options.
@@ -14,8 +12,7 @@ fn info(at: &Path, arguments: &str) -> serde_json::Value {
 
 #[test]
 fn regions_of_a_foam_are_counted_in_memory_and_out_of_core() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth foam f.ply --triangles 100k --shuffle", 0);
     let found = info(at, "f.ply");
     let regions = &found["regions"];
@@ -42,8 +39,7 @@ const TWO: &str = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\npr
 
 #[test]
 fn a_region_that_is_open_has_its_open_edges_counted() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     std::fs::write(at.join("two.ply"), TWO).unwrap();
     let found = info(at, "two.ply");
     // The common face stands twice: an edge of it has three different triangles where the second tetrahedron has its side.
@@ -76,8 +72,7 @@ fn volume(path: &Path) -> f64 {
 
 #[test]
 fn a_foam_splits_into_closed_meshes_that_face_outward() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth foam f.ply --triangles 20k --shuffle", 0);
     std::fs::create_dir(at.join("out")).unwrap();
     expect(at, "convert f.ply out/cell-{label}.stl --split label --report r.json", 0);
@@ -109,8 +104,7 @@ fn a_foam_splits_into_closed_meshes_that_face_outward() {
 
 #[test]
 fn a_split_writes_nothing_unless_all_of_its_files_can_be_written() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     std::fs::write(at.join("two.ply"), TWO).unwrap();
     let said = expect(at, "convert two.ply out.ply --split label", 2);
     assert!(said.contains("{label} once"), "{said}");

@@ -1,8 +1,6 @@
 //! The command line end to end: standard input and output, progress as JSON, the log, the demo, merging.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{check, count, expect, json, stonecut};
+use crate::common::{check, count, expect, json, scratch, stonecut};
 use std::io::Write;
 use std::path::Path;
 use std::process::{Output, Stdio};
@@ -43,8 +41,7 @@ fn without_comments(mesh: &[u8]) -> Vec<u8> {
 
 #[test]
 fn a_dash_is_standard_input_or_output() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 30k", 0);
     let input = std::fs::read(at.join("in.ply")).unwrap();
     for (command, named) in [
@@ -94,8 +91,7 @@ fn a_dash_is_standard_input_or_output() {
 
 #[test]
 fn what_is_piped_in_is_checked_like_a_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 2k", 0);
     let input = std::fs::read(at.join("in.ply")).unwrap();
     for (what, bytes) in [
@@ -125,8 +121,7 @@ fn what_is_piped_in_is_checked_like_a_file() {
 
 #[test]
 fn progress_is_json_line_by_line_if_asked_for() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 60k", 0);
     for command in [
         "simplify in.ply out.ply --ratio 10% --cell-triangles 5k",
@@ -159,8 +154,7 @@ fn progress_is_json_line_by_line_if_asked_for() {
 
 #[test]
 fn the_log_holds_what_was_said_and_is_appended_to() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 20k", 0);
     let said = expect(at, "simplify in.ply out.ply --ratio 10% --log-file log.txt", 0);
     let log = std::fs::read_to_string(at.join("log.txt")).unwrap();
@@ -183,8 +177,7 @@ fn the_log_holds_what_was_said_and_is_appended_to() {
 
 #[test]
 fn the_demo_ends_well_where_its_files_are() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     std::fs::create_dir(at.join("here")).unwrap();
     // As an earlier one leaves them, but small.
     for words in [
@@ -210,8 +203,7 @@ fn the_demo_ends_well_where_its_files_are() {
 /// Two sheets side by side, 0.01 apart: one component where boundaries may merge over that, two where not.
 #[test]
 fn boundaries_merge_as_far_as_asked() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let n = 30;
     let mut text = format!(
         "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
@@ -262,8 +254,7 @@ fn boundaries_merge_as_far_as_asked() {
 /// Refused before any work, where the disk would hold the run but not the reserve.
 #[test]
 fn a_run_leaves_as_much_of_a_disk_free_as_was_asked_for() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 500", 0);
     let said = expect(at, "simplify in.ply out.ply --ratio 50% --min-free 100000TB", 5);
     assert!(said.contains("--min-free keeps"), "{said}");

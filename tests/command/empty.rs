@@ -1,8 +1,6 @@
 //! An empty result is never a success, advice that is given works, and what is typed is read strictly.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, run};
+use crate::common::{expect, run, scratch};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::Path;
@@ -41,8 +39,7 @@ fn sheet(n: usize, change: impl Fn(&mut Vec<String>, &mut Vec<String>)) -> Strin
 
 #[test]
 fn an_empty_result_is_never_a_success() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 8500", 0);
     let flat = sheet(20, |_, faces| faces.iter_mut().for_each(|face| *face = "3 7 7 9".to_owned()));
     std::fs::write(at.join("degenerate.ply"), flat).unwrap();
@@ -101,8 +98,7 @@ fn needles(n: usize, with_area: usize, direction: [f64; 3]) -> String {
 /// Corners on a line are three, and still no surface: neither as input nor as result.
 #[test]
 fn a_flat_result_is_never_a_success() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     // On an axis, exactly on a line, and on a line but for rounding; alone, and one small triangle among them.
     for direction in [[1.0, 0.0, 0.0], [1.0, 2.0, -3.0], [0.1, 0.7, 0.3]] {
         std::fs::write(at.join("flat.ply"), needles(3000, 0, direction)).unwrap();
@@ -152,8 +148,7 @@ fn the_advice_for_broken_inputs_works() {
         ("last", |_, faces| *faces.last_mut().unwrap() = "3 1 2 441".to_owned()),
     ];
     for (name, change) in faults {
-        let folder = tempfile::tempdir().unwrap();
-        let at = folder.path();
+        let at = &scratch();
         std::fs::write(at.join("in.ply"), sheet(20, change)).unwrap();
         let before = names(at);
         let command = "simplify in.ply o.ply --ratio 50% -q";
@@ -182,8 +177,7 @@ fn the_advice_for_broken_inputs_works() {
 
 #[test]
 fn what_is_typed_is_read_strictly() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 2000 --color", 0);
     let before = names(at);
     for arguments in [
@@ -205,8 +199,7 @@ fn what_is_typed_is_read_strictly() {
 
 #[test]
 fn advice_is_given_only_where_it_helps() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 100k", 0);
     let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
     let output = crate::common::stonecut()
@@ -227,8 +220,7 @@ fn advice_is_given_only_where_it_helps() {
 /// Hundreds of missing images are one line that a person can read.
 #[test]
 fn a_message_names_the_first_few_of_many_images() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let (mut mesh, mut materials) = (String::from("mtllib in.mtl\n"), String::new());
     for i in 0..300 {
         let v = 3 * i + 1;

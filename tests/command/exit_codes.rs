@@ -1,7 +1,5 @@
 //! The table of exit codes in docs/usage.md: each is provoked as it says, and there is no other.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::{expect, stonecut};
 use std::collections::BTreeSet;
 use std::path::Path;

@@ -1,5 +1,7 @@
 //! The command: its words, paths, pages, reports, and how it stops.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 #[path = "../common/mod.rs"]
 mod common;
 

@@ -1,7 +1,5 @@
 //! Manual pages and completions: one page for each command, with all of its options; scripts that shells accept.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::{expect, stonecut};
 use std::io::Write;
 use std::process::Command;

@@ -1,9 +1,7 @@
 //! Every command and option that takes a path, against every kind of bad path: refused with the documented exit
 //! code, before any work, and nothing on the disk is touched. docs/design/paths.md has the rules.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, run, stonecut};
+use crate::common::{expect, run, scratch, stonecut};
 use std::collections::BTreeMap;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
@@ -242,8 +240,7 @@ fn no_two_paths_of_a_command_may_be_the_same_file() {
 /// `--force` replaces files that stand for nothing; an image or the library of the input is a part of it.
 #[test]
 fn files_that_the_input_names_are_never_replaced() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     std::fs::write(at.join("a.mtl"), "newmtl m\nmap_Kd a.png\n").unwrap();
     let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\nvt 0 0\nvt 1 0\nvt 0 1\nvt 1 1\nusemtl m\n\
                 f 1/1 2/2 3/3\nf 2/2 4/4 3/3\n";
@@ -377,8 +374,7 @@ fn outputs_of_one_name_share_a_folder_for_temporary_data() {
 
 #[test]
 fn a_pipe_that_is_closed_ends_the_command_without_a_word() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 200k", 0);
     let mut child = stonecut()
         .current_dir(at)
@@ -398,8 +394,7 @@ fn a_pipe_that_is_closed_ends_the_command_without_a_word() {
 /// What only the end of the work would notice is refused before it begins.
 #[test]
 fn pictures_in_the_way_and_no_samples_are_refused_before_any_work() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 1000", 0);
     std::fs::create_dir(at.join("shots")).unwrap();
     std::fs::write(at.join("shots/view-01.png"), "mine").unwrap();

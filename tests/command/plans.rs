@@ -1,8 +1,6 @@
 //! Bytes that plans promise, against those of the run: within 15 %.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::expect;
+use crate::common::{expect, scratch};
 use serde_json::Value;
 use std::path::Path;
 
@@ -16,8 +14,7 @@ fn bytes(path: &Path) -> u64 {
 
 #[test]
 fn bytes_of_plans_are_those_of_the_runs() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 100k", 0);
     expect(at, "simplify in.ply half.ply --ratio 50%", 0);
     // The command, its outputs, and whether its report has what its temporary files took.

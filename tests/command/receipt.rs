@@ -1,9 +1,7 @@
 //! Receipts: the same bytes whatever the threads, verified by other means, and every change of a file or of the receipt found and
 //! named.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, json, run};
+use crate::common::{expect, json, run, scratch};
 use serde_json::{Value, json};
 use sha2::Digest;
 use std::path::Path;
@@ -61,8 +59,7 @@ fn forge(at: &Path, edit: impl FnOnce(&mut Value)) {
 
 #[test]
 fn receipts_are_the_same_bytes_on_other_threads_and_hold() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     inputs(at);
     for (number, (words, code, again)) in [
         ("in.ply out/a.ply --ratio 20% --cell-triangles 1000", 0, "--again"),
@@ -111,8 +108,7 @@ fn receipts_are_the_same_bytes_on_other_threads_and_hold() {
 
 #[test]
 fn one_bit_in_any_file_is_found_and_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     inputs(at);
     for command in ["tex.obj out/t.obj --ratio 20%", "buf.gltf out/u.ply --ratio 50%"] {
         expect(at, &format!("simplify {command} --receipt out/R.json -q --force"), 0);
@@ -156,8 +152,7 @@ fn one_bit_in_any_file_is_found_and_named() {
 
 #[test]
 fn claims_that_do_not_hold_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     inputs(at);
     expect(at, "simplify tex.obj out/t.obj --ratio 20% --receipt out/R.json -q", 0);
     let refused = |edit: &dyn Fn(&mut Value), named: &str, more: &str| {
@@ -233,8 +228,7 @@ fn claims_that_do_not_hold_are_named() {
 
 #[test]
 fn what_is_not_a_receipt_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     inputs(at);
     expect(at, "simplify in.ply out/a.ply --ratio 20% --receipt out/R.json -q", 0);
     let bytes = std::fs::read(at.join("out/R.json")).unwrap();
@@ -277,8 +271,7 @@ fn what_is_not_a_receipt_is_refused() {
 
 #[test]
 fn signatures_are_those_of_minisign() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     inputs(at);
     let pair = minisign::KeyPair::generate_unencrypted_keypair().unwrap();
     let other = minisign::KeyPair::generate_unencrypted_keypair().unwrap();

@@ -1,7 +1,5 @@
 //! The report page, opened in a real browser where there is one.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use std::path::Path;
 use std::process::Command;
 

@@ -1,8 +1,6 @@
 //! Signals, limits and deaths: every command stops when it is asked to, whatever it waits for, and leaves nothing.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, run, stonecut};
+use crate::common::{expect, run, scratch, stonecut};
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::Path;
@@ -48,8 +46,7 @@ fn ended(mut child: Child, what: &str) -> Output {
 /// Commands that wait for ever: for input that does not come, or for a reader of their output.
 #[test]
 fn every_command_obeys_a_signal_while_it_waits() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 30k", 0);
     expect(at, "simplify in.ply small.ply --ratio 50% --report run.json -q", 0);
     let before = names(at);
@@ -91,8 +88,7 @@ fn every_command_obeys_a_signal_while_it_waits() {
 /// The last half second of a conversion, its sync included, is no refuge either.
 #[test]
 fn a_conversion_stops_whenever_it_is_asked_to() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 1M", 0);
     let before = names(at);
     let mut stopped = 0;
@@ -119,8 +115,7 @@ fn a_conversion_stops_whenever_it_is_asked_to() {
 
 #[test]
 fn nothing_is_left_by_a_kill() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 1M", 0);
     let before = names(at);
     for arguments in [
@@ -158,8 +153,7 @@ fn nothing_is_left_by_a_kill() {
 
 #[test]
 fn scratch_of_the_dead_is_swept_and_that_of_the_living_kept() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 1M", 0);
     for (name, files) in [
         ("dead", &["lock", "round-0.cells"][..]),
@@ -182,8 +176,7 @@ fn scratch_of_the_dead_is_swept_and_that_of_the_living_kept() {
 
 #[test]
 fn a_limit_on_the_size_of_files_is_an_error_like_a_full_disk() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 200k", 0);
     let before = names(at);
     for arguments in ["convert in.ply o.obj", "synth statue o.ply --triangles 300k"] {
@@ -202,8 +195,7 @@ fn a_limit_on_the_size_of_files_is_an_error_like_a_full_disk() {
 
 #[test]
 fn a_limit_on_address_space_is_no_crash() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 500k", 0);
     let before = names(at);
     for kib in [60_000, 100_000, 150_000] {
@@ -222,8 +214,7 @@ fn a_limit_on_address_space_is_no_crash() {
 
 #[test]
 fn too_many_threads_are_fewer() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 20k", 0);
     for arguments in [
         "simplify in.ply o.ply --ratio 50% --memory 256MiB",
@@ -245,8 +236,7 @@ fn limited(at: &Path, limit: &str, arguments: &str) -> Output {
 /// Trials of `--max-error` belong to the job, and go with it; they once lay beside the output.
 #[test]
 fn no_trial_outlives_its_job() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 100k", 0);
     std::fs::write(at.join("o.trial-10000.ply"), "precious").unwrap();
     let child = stonecut()

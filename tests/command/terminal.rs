@@ -1,8 +1,6 @@
 //! Names out of files and paths reach a terminal escaped, in every message and table.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::stonecut;
+use crate::common::{scratch, stonecut};
 use std::path::Path;
 
 /// Clears the screen, rings, and begins a line that looks like one of ours.
@@ -25,8 +23,7 @@ fn assert_harmless(text: &str) {
 
 #[test]
 fn names_out_of_files_reach_the_terminal_escaped() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let name = format!("a{EVIL}.ply");
     let plain = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
         property float \u{1b}[31mred\u{9b}2J\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n\

@@ -19,6 +19,31 @@ pub fn one_in(n: usize) -> usize {
     if std::env::var_os("STONECUT_ALL").is_some() { 1 } else { n }
 }
 
+/// A folder that goes with the test.
+pub struct Scratch(tempfile::TempDir);
+
+/// Makes one.
+pub fn scratch() -> Scratch {
+    Scratch(tempfile::tempdir().unwrap())
+}
+
+impl std::ops::Deref for Scratch {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        self.0.path()
+    }
+}
+
+impl<T: ?Sized> AsRef<T> for Scratch
+where
+    Path: AsRef<T>,
+{
+    fn as_ref(&self) -> &T {
+        self.0.path().as_ref()
+    }
+}
+
 /// The `stonecut` command of this build.
 pub fn stonecut() -> Command {
     Command::new(env!("CARGO_BIN_EXE_stonecut"))

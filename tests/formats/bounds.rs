@@ -1,8 +1,6 @@
 //! Bounds on what is parsed: windows of compressed streams, names, descriptions that are larger in memory than in their file.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, run};
+use crate::common::{expect, run, scratch};
 use std::path::Path;
 
 const TRIANGLE: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
@@ -19,8 +17,7 @@ fn write_frame(path: &Path, log: u8, content: &[u8]) {
 
 #[test]
 fn a_window_beyond_the_memory_is_refused_with_the_size_that_does() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     write_frame(&at.join("a.ply.zst"), 28, TRIANGLE.as_bytes());
     let said = expect(at, "simplify a.ply.zst o.ply --triangles 1 --memory 128MiB --dry-run", 6);
     assert!(said.contains("window of 256.0 MiB") && said.contains("--memory 512MiB"), "{said}");
@@ -34,8 +31,7 @@ fn a_window_beyond_the_memory_is_refused_with_the_size_that_does() {
 /// Every spelling of one library, and names that all materials have in common: each is looked at once.
 #[test]
 fn libraries_and_names_that_repeat_are_read_once() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let mut library = String::from("newmtl a\nKd 1 0 0\n");
     library.push_str(&"# a line of a comment\n".repeat(100_000));
     std::fs::write(at.join("m.mtl"), library).unwrap();
@@ -77,8 +73,7 @@ fn document(n: usize, views: &str, accessors: &str, primitives: &str) -> String 
 
 #[test]
 fn lists_of_empty_things_are_refused_before_they_are_parsed() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for list in ["materials", "nodes", "meshes", "accessors", "images"] {
         let text =
             format!(r#"{{"asset":{{"version":"2.0"}},"{list}":[{}{{}}]}}"#, "{},".repeat(300_000));
@@ -96,8 +91,7 @@ fn lists_of_empty_things_are_refused_before_they_are_parsed() {
 /// A mesh that stands in the file once and in its scene twenty thousand times.
 #[test]
 fn a_small_file_of_a_huge_scene_is_not_unpacked_for_a_look() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let binary = vec![0; 12 * 30_000 + 2 * 60_000];
     let views =
         r#"{"buffer":0,"byteLength":360000},{"buffer":0,"byteOffset":360000,"byteLength":120000}"#;
@@ -129,8 +123,7 @@ fn rows(path: &Path) -> Vec<String> {
 /// Positions by a sparse accessor over a view, over zeros, and by none at all; indices by one.
 #[test]
 fn sparse_accessors_and_those_without_a_view_are_read() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let floats = |list: &[f32]| list.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
     // Four corners of a square at z = 5, which the sparse values bring to 0 but for the last.
     let mut binary = floats(&[0.0, 0.0, 5.0, 1.0, 0.0, 5.0, 1.0, 1.0, 5.0, 0.0, 1.0, 5.0]);
@@ -183,8 +176,7 @@ fn sparse_accessors_and_those_without_a_view_are_read() {
 
 #[test]
 fn indices_that_make_no_triangle_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let mut binary: Vec<u8> = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0]
         .iter()
         .flat_map(|x| x.to_le_bytes())

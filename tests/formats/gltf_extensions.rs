@@ -1,8 +1,6 @@
 //! Extensions of glTF that move, repeat or scale: places of the whole, instances, places of images.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, glb_json};
+use crate::common::{expect, glb_json, scratch};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -46,8 +44,7 @@ fn shown(folder: &Path, file: &str) -> (String, Vec<[f64; 3]>, Vec<String>) {
 
 #[test]
 fn the_place_that_positions_count_from_is_added() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     for list in ["extensionsUsed", "extensionsRequired"] {
         triangle(folder, &[0.0], |document| {
             document[list] = json!(["CESIUM_RTC"]);
@@ -66,8 +63,7 @@ fn the_place_that_positions_count_from_is_added() {
 
 #[test]
 fn a_tileset_without_a_mesh_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let text =
         r#"{"asset": {"version": "1.1"}, "geometricError": 5, "root": {"geometricError": 1}}"#;
     std::fs::write(folder.join("tileset.json"), text).unwrap();
@@ -77,8 +73,7 @@ fn a_tileset_without_a_mesh_is_named() {
 
 #[test]
 fn every_instance_stands_in_its_place() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let shifts = [0.0f32, 0.0, 0.0, 10.0, 0.0, 0.0, 0.0, 0.0, 5.0];
     let scales = [1.0f32, 1.0, 1.0, 2.0, 2.0, 2.0, -1.0, 1.0, 1.0];
     let more: Vec<f32> = shifts.into_iter().chain(scales).collect();
@@ -113,8 +108,7 @@ fn every_instance_stands_in_its_place() {
 
 #[test]
 fn scale_and_offset_of_an_image_go_into_glb() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     image::RgbImage::from_pixel(2, 2, image::Rgb([9, 8, 7])).save(folder.join("a.png")).unwrap();
     let library = "newmtl m\nmap_Kd -o 0.25 0.5 -s 2 3 a.png\nnewmtl n\nmap_Kd -clamp on a.png\n";
     std::fs::write(folder.join("in.mtl"), library).unwrap();
@@ -148,8 +142,7 @@ fn scale_and_offset_of_an_image_go_into_glb() {
 
 #[test]
 fn strengths_of_maps_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     image::RgbImage::from_pixel(2, 2, image::Rgb([128, 128, 255]))
         .save(folder.join("n.png"))
         .unwrap();
@@ -176,8 +169,7 @@ fn meshes_that_draco_has_compressed_are_read() {
         DataType, EncoderBuffer, EncoderOptions, GeometryAttributeType, Mesh, MeshEncoder,
         PointAttribute, PointIndex,
     };
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let points = [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.5]];
     let mut mesh = Mesh::new();
     mesh.set_num_points(4);
@@ -245,8 +237,7 @@ fn base64(bytes: &[u8]) -> String {
 
 #[test]
 fn data_in_addresses_is_read_in_every_dialect_of_base64() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     // Eleven floats: a length that takes padding; the last have bits that take the signs 62 and 63.
     triangle(folder, &[f32::from_bits(0xffff_ffff), f32::from_bits(0xfbef_befb)], |_| {});
     let text = base64(&std::fs::read(folder.join("in.bin")).unwrap());
@@ -276,8 +267,7 @@ fn data_in_addresses_is_read_in_every_dialect_of_base64() {
 
 #[test]
 fn buffers_under_another_spelling_of_their_name_are_found() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     for written in ["IN.Bin", "C:\\models\\in.bin", "/home/me/in.bin", "data/in%2Ebin"] {
         triangle(folder, &[0.0], |document| document["buffers"][0]["uri"] = written.into());
         assert_eq!(shown(folder, "in.gltf").1[1], [1.0, 0.0, 0.0], "{written}");
@@ -290,8 +280,7 @@ fn buffers_under_another_spelling_of_their_name_are_found() {
 
 #[test]
 fn images_that_are_not_read_or_not_named_are_lost_by_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     std::fs::write(folder.join("t.avif"), b"\0\0\0\x1cftypavif\0\0\0\0avifmif1miaf").unwrap();
     let textured = |document: &mut Value, texture: Value| {
         document["materials"] =
@@ -317,8 +306,7 @@ fn images_that_are_not_read_or_not_named_are_lost_by_name() {
 
 #[test]
 fn faces_without_coordinates_of_their_image_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     image::RgbImage::new(2, 2).save(folder.join("t.png")).unwrap();
     std::fs::write(folder.join("in.mtl"), "newmtl a\nmap_Kd t.png\nnewmtl b\nKd 1 0 0\n").unwrap();
     let head = "mtllib in.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nusemtl a\nf 1/1 2/2 3/3\n";
@@ -349,8 +337,7 @@ fn faces_without_coordinates_of_their_image_are_named() {
 
 #[test]
 fn integers_are_colours_also_where_the_file_does_not_say_normalized() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     // Linear 0.25 of opacity 64 / 255 at each vertex, in four bytes that lie in a float.
     let colour = f32::from_le_bytes([255, 64, 0, 64]);
     for normalized in [true, false] {

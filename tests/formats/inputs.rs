@@ -1,8 +1,6 @@
 //! Several files that become one mesh: joined borders, unions of what they carry, and sets that cannot be meant.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, run};
+use crate::common::{expect, run, scratch};
 use serde_json::Value;
 use std::path::Path;
 
@@ -23,8 +21,7 @@ fn assert_closed(found: &Value, n_triangles: u64, words: &str) {
 
 #[test]
 fn tiles_of_any_format_and_rounding_become_one_closed_mesh() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue whole.ply --triangles 3000 --seed 3", 0);
     let n_triangles = info(at, "whole.ply --check")["triangles"].as_u64().unwrap();
     for (format, round) in
@@ -50,8 +47,7 @@ fn tiles_of_any_format_and_rounding_become_one_closed_mesh() {
 
 #[test]
 fn a_set_gives_the_same_bytes_in_any_order_and_with_any_memory() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue tiles --triangles 4000 --tiles 8 --format obj --round 3", 0);
     let names: Vec<String> = (0..8).map(|i| format!("tiles/tile_00{i}.obj")).collect();
     let turned: Vec<String> = names.iter().rev().cloned().collect();
@@ -98,8 +94,7 @@ fn a_set_gives_the_same_bytes_in_any_order_and_with_any_memory() {
 
 #[test]
 fn sets_that_cannot_be_meant_are_refused_by_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue tiles --triangles 1000 --tiles 4 --format ply", 0);
     for (words, code, what) in [
         ("simplify tiles/tile_000.ply no.ply out.ply --ratio 5%", 4, "no.ply"),
@@ -131,8 +126,7 @@ fn sets_that_cannot_be_meant_are_refused_by_name() {
 /// Nothing that lies in a folder is left out in silence, and what does not fit the rest is named.
 #[test]
 fn odd_files_in_a_folder_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue whole --triangles 2000 --tiles 8 --format obj --round 3", 0);
     let fresh = || {
         let _ = std::fs::remove_dir_all(at.join("t"));
@@ -202,8 +196,7 @@ fn odd_files_in_a_folder_are_named() {
 /// Parts that were recentred one by one, or have their own offset beside them, come to lie where they belong.
 #[test]
 fn files_that_count_from_different_places_are_brought_to_one() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let square = |name: &str, [x, y]: [i64; 2]| {
         let [right, back] = [x + 1, y + 1];
         let text = format!(
@@ -251,8 +244,7 @@ fn files_that_count_from_different_places_are_brought_to_one() {
 
 #[test]
 fn what_some_files_carry_is_there_and_neutral_elsewhere() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     // Two squares side by side; each has a property that the other has not.
     let ply = |name: &str, property: &str, rows: [&str; 4]| {
         let text = format!(
@@ -277,8 +269,7 @@ fn what_some_files_carry_is_there_and_neutral_elsewhere() {
 
 #[test]
 fn equal_materials_and_images_of_tiles_are_one() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     // Three squares in a row; the images of the first two have the same content.
     for (i, image) in ["same", "same", "other"].into_iter().enumerate() {
         let tile = at.join(format!("tiles/{i}"));
@@ -321,8 +312,7 @@ fn batched(glb: &[u8], center: [f64; 3]) -> Vec<u8> {
 
 #[test]
 fn trees_of_tiles_become_one_mesh_in_their_place() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     // A tree of several levels: the finest tiles are the mesh, where it was.
     expect(at, "synth statue whole.ply --triangles 2000", 0);
     let n_triangles = info(at, "whole.ply")["triangles"].as_u64().unwrap();
@@ -365,8 +355,7 @@ fn trees_of_tiles_become_one_mesh_in_their_place() {
 /// A vertex of one tile that lies on an edge of the next one splits that edge.
 #[test]
 fn t_junctions_between_files_are_closed() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for (kind, format) in [("statue", "obj"), ("statue", "glb"), ("terrain", "ply")] {
         let words = format!(
             "synth {kind} tiles --triangles 6000 --tiles 8 --format {format} --round 4 --t-junctions --force"
@@ -402,8 +391,7 @@ fn t_junctions_between_files_are_closed() {
 /// Tiles that reach into each other hold the same triangles twice, each rounded by its own rule.
 #[test]
 fn files_that_overlap_hold_each_triangle_once() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue whole.ply --triangles 6000", 0);
     let n_triangles = info(at, "whole.ply --check")["triangles"].as_u64().unwrap();
     for format in ["obj", "glb"] {

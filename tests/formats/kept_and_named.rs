@@ -4,10 +4,9 @@
 //! `cargo test --test formats kept_and_named -- --nocapture` prints the table of docs/results/formats.md. With a folder in
 //! `STONECUT_KEPT` the files are written there; `tools/kept_by_others.py` reads what becomes of them with other programs.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // The table.
 
-use crate::common::run;
+use crate::common::{run, scratch};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -604,8 +603,7 @@ fn every_kind_of_content_is_kept_or_named() {
 /// Colours beyond white, through those who show them.
 #[test]
 fn clamped_colours_are_named_by_every_command_that_clamps() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     write_ply(at);
     let text = std::fs::read_to_string(at.join("full.ply")).unwrap();
     let (head, body) = text.split_once("end_header\n").unwrap();

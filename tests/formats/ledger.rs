@@ -1,8 +1,6 @@
 //! The ledger of losses: what an input had and the output has not, in lines, in the report and in the exit code.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, json, run};
+use crate::common::{expect, json, run, scratch};
 use serde_json::Value;
 use std::path::Path;
 
@@ -41,8 +39,7 @@ const COLOURS: [&str; 3] = ["uchar red", "uchar green", "uchar blue"];
 
 #[test]
 fn every_kind_that_a_format_cannot_hold_is_in_the_ledger() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for (vertex, face, kept_by, kind) in [
         (&COLOURS[..], &[][..], "ply obj glb", "colors"),
         (&["float s", "float t"][..], &[][..], "ply obj glb", "texture_coordinates"),
@@ -79,8 +76,7 @@ fn every_kind_that_a_format_cannot_hold_is_in_the_ledger() {
 
 #[test]
 fn opacity_is_lost_only_where_something_is_not_opaque() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let all = ["uchar red", "uchar green", "uchar blue", "uchar alpha"];
     pyramid(&at.join("clear.ply"), "", &all, &[]);
     let text = std::fs::read_to_string(at.join("clear.ply")).unwrap();
@@ -93,8 +89,7 @@ fn opacity_is_lost_only_where_something_is_not_opaque() {
 
 #[test]
 fn images_that_are_all_missing_end_with_3_unless_they_are_given_up() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
     std::fs::write(at.join("in.obj"), text).unwrap();
     std::fs::write(at.join("a.mtl"), "newmtl m\nmap_Kd gone.png\n").unwrap();
@@ -122,8 +117,7 @@ fn images_that_are_all_missing_end_with_3_unless_they_are_given_up() {
 
 #[test]
 fn losses_are_objects_in_progress_json() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     pyramid(&at.join("in.ply"), "", &COLOURS, &[]);
     let output = run(at, "simplify in.ply out.stl --triangles 4 --progress json");
     assert_eq!(output.status.code(), Some(3));

@@ -1,8 +1,6 @@
 //! Names of objects and groups: with every face through every format that has names, and through a simplification.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, run};
+use crate::common::{expect, run, scratch};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -96,8 +94,7 @@ fn all_have_their_stripe(path: &Path) {
 
 #[test]
 fn names_survive_every_format_that_has_them_and_a_simplification() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for materials in [false, true] {
         plate(&at.join("in.obj"), materials, true);
         for command in [
@@ -144,8 +141,7 @@ fn document(bytes: &[u8]) -> Value {
 
 #[test]
 fn names_that_are_given_up_leave_no_trace() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     plate(&at.join("named.obj"), false, true);
     plate(&at.join("plain.obj"), false, false);
     let bytes = |name: &str| std::fs::read(at.join(name)).unwrap();
@@ -179,8 +175,7 @@ fn names_that_are_given_up_leave_no_trace() {
 
 #[test]
 fn a_single_name_stays_beside_the_same_mesh() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     plate(&at.join("plain.obj"), false, false);
     let text = std::fs::read_to_string(at.join("plain.obj")).unwrap();
     std::fs::write(
@@ -212,8 +207,7 @@ fn a_single_name_stays_beside_the_same_mesh() {
 /// Four triangles: nodes and meshes with the same name, different ones, one alone, and none.
 #[test]
 fn names_of_nodes_and_meshes_are_objects_and_groups() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let positions = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     let bytes: Vec<u8> = positions.iter().flat_map(|x| x.to_le_bytes()).collect();
     std::fs::write(at.join("in.bin"), &bytes).unwrap();
@@ -251,8 +245,7 @@ fn names_of_nodes_and_meshes_are_objects_and_groups() {
 
 #[test]
 fn names_without_a_place_are_noted() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     plate(&at.join("in.obj"), false, true);
     expect(at, "convert in.obj in.ply", 0);
     for input in ["in.obj", "in.ply"] {
@@ -286,8 +279,7 @@ fn names_without_a_place_are_noted() {
 
 #[test]
 fn more_names_than_can_be_carried_are_lost_and_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let write = |n: usize, name: &str| {
         let mut text = String::new();
         for i in 0..=n {

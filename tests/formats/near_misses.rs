@@ -1,9 +1,7 @@
 //! What is nearly as formats say: names in another case, numbers in another notation, images in another place; and small
 //! things that no output has, which are named.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, json, run};
+use crate::common::{expect, json, run, scratch};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -26,8 +24,7 @@ const ROWS: [&str; 3] = ["0 0 0 255 0 0", "1 0 0 255 0 0", "0 1 0 255 0 0"];
 
 #[test]
 fn names_of_properties_in_any_case_are_known() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for places in [["x", "y", "z"], ["X", "Y", "Z"]] {
         for colours in [
             ["Red", "Green", "Blue"],
@@ -52,8 +49,7 @@ fn names_of_properties_in_any_case_are_known() {
 
 #[test]
 fn numbers_in_other_notations_are_read_or_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let colours = ["red", "green", "blue"];
     ply(
         &at.join("in.ply"),
@@ -136,8 +132,7 @@ fn images_in_folders_below_and_of_another_kind_are_taken_with_a_line() {
         assert!(kept.contains("author: Ada"), "{kept}");
     }
     // Which of two is meant is not known.
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     textured(at, "wall.png", "a/wall.png");
     textured(at, "wall.png", "b/wall.png");
     expect(at, "convert in.obj out.glb", 3);
@@ -145,8 +140,7 @@ fn images_in_folders_below_and_of_another_kind_are_taken_with_a_line() {
 
 #[test]
 fn third_coordinates_are_named_and_objects_listed() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     textured(at, "wall.png", "wall.png");
     let said = expect(at, "convert in.obj out.glb", 0);
     assert!(said.contains("third texture coordinates (w of vt): not carried"), "{said}");
@@ -162,8 +156,7 @@ fn third_coordinates_are_named_and_objects_listed() {
 
 #[test]
 fn lines_and_names_that_nothing_reads_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let places = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n";
     for (lines, code, wanted) in [
         ("fo 1 2 3\n", 0, ""),
@@ -189,8 +182,7 @@ fn lines_and_names_that_nothing_reads_are_named() {
 
 #[test]
 fn normals_of_the_input_are_named_by_extract() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
     std::fs::write(at.join("in.obj"), obj).unwrap();
     expect(at, "convert in.obj plain.ply", 0);
@@ -209,8 +201,7 @@ fn normals_of_the_input_are_named_by_extract() {
 
 #[test]
 fn lists_of_floats_are_corners_if_they_are_whole() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let head = |format: &str, count: &str, item: &str| {
         format!(
             "ply\nformat {format} 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
@@ -258,8 +249,7 @@ fn lists_of_floats_are_corners_if_they_are_whole() {
 
 #[test]
 fn lines_of_libraries_in_other_orders_are_read_or_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     image::RgbImage::new(2, 2).save(at.join("t.png")).unwrap();
     image::RgbImage::new(2, 2).save(at.join("u.png")).unwrap();
     let obj = "mtllib in.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n";
@@ -282,8 +272,7 @@ fn lines_of_libraries_in_other_orders_are_read_or_named() {
 
 #[test]
 fn colours_in_words_that_nothing_reads_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let facet = "facet normal 0 0 1\ncolor 1 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
     std::fs::write(at.join("in.stl"), format!("solid color\n{facet}endsolid color\n")).unwrap();
     let said = expect(at, "convert in.stl out.ply", 3);

@@ -1,8 +1,6 @@
 //! Placing of an input before all else: `--up`, `--scale`, `--translate`, `--transform`, `--recentre`.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, glb_json, json, run};
+use crate::common::{expect, glb_json, json, run, scratch};
 use std::path::Path;
 
 /// A tower of a quadrilateral and a triangle, 10 high along y, with normals along x, at `shift`.
@@ -46,8 +44,7 @@ fn sides(rows: &[Vec<f64>]) -> [f64; 3] {
 
 #[test]
 fn the_axis_that_points_upwards_is_that_of_the_output() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     tower(folder, "float", [0.0; 3]);
     for (options, output, wanted) in [
         ("", "out.ply", [1.0, 10.0, 2.0]),
@@ -68,8 +65,7 @@ fn the_axis_that_points_upwards_is_that_of_the_output() {
 
 #[test]
 fn a_mirror_turns_faces_and_normals_around() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     tower(folder, "float", [0.0; 3]);
     let mirror = "--scale 2 --transform -1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1 --translate 0,0,-3";
     expect(folder, &format!("convert in.ply out.ply {mirror}"), 0);
@@ -88,8 +84,7 @@ fn a_mirror_turns_faces_and_normals_around() {
 
 #[test]
 fn an_offset_is_subtracted_and_written_down() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     tower(folder, "double", [500_000.25, 4_600_000.5, 100.0]);
     let wanted = "offset: 500000 4600010 100 ";
     let said = expect(folder, "convert in.ply out.stl --recentre", 0);
@@ -138,8 +133,7 @@ fn place_of(folder: &Path, file: &str) -> String {
 /// Files of other programs beside a mesh say where it lies; results say it themselves, in every format.
 #[test]
 fn a_place_that_files_beside_name_is_carried() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     tower(folder, "float", [0.0; 3]);
     let xml = "<ModelMetadata><SRS>EPSG:32633</SRS><SRSOrigin>500400,4600200,100</SRSOrigin></ModelMetadata>";
     std::fs::create_dir(folder.join("map")).unwrap();
@@ -201,8 +195,7 @@ fn a_place_that_files_beside_name_is_carried() {
 
 #[test]
 fn a_place_in_comments_of_other_programs_is_read() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     tower(folder, "float", [0.0; 3]);
     let plain = std::fs::read_to_string(folder.join("in.ply")).unwrap();
     for (comments, wanted) in [
@@ -218,8 +211,7 @@ fn a_place_in_comments_of_other_programs_is_read() {
 
 #[test]
 fn what_was_placed_belongs_to_a_job() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     tower(folder, "float", [0.0; 3]);
     expect(folder, "simplify in.ply out.ply --triangles 2 --scale 3 --until partition -q", 0);
     let output = run(folder, "simplify in.ply out.ply --triangles 2 --scale 4 -q");

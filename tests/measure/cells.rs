@@ -1,7 +1,5 @@
 //! Measuring out of core gives the numbers of measuring in memory.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::meshes::sheet_triangles;
 use crate::common::write_ply;
 use std::path::Path;

@@ -1,7 +1,5 @@
 //! The certificate holds the true Hausdorff distance: against brute force, closed forms, and what breaks lazy bounds.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 mod brute_force;
 
 use crate::common::meshes::{halves, soup, squares};

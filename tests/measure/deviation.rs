@@ -1,7 +1,5 @@
 //! `measure` against answers known in closed form, and against itself under every disguise.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use stonecut::Mesh;
 use stonecut::measure::Deviation;
 use stonecut::measure::{ColourChannels, Options, Region, two_sided};

@@ -1,5 +1,7 @@
 //! What is measured of meshes: deviation, certificates, self-intersections.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 #[path = "../common/mod.rs"]
 mod common;
 

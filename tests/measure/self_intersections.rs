@@ -1,9 +1,7 @@
 //! Self-intersections: known cases, soups against exact clipping, cells against memory, threads, memory, the command.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::meshes::soup;
-use crate::common::{expect, run, write_ply};
+use crate::common::{expect, run, scratch, write_ply};
 use std::path::Path;
 use stonecut::Mesh;
 use stonecut::io::ply::MeshSource;
@@ -390,8 +388,7 @@ fn cells_threads_and_memory_do_not_show() {
 
 #[test]
 fn the_command_counts_only_when_asked_to() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let both = joined(&sphere(30, [0.0; 3], 1.0), &sphere(31, [0.7, 0.2, 0.1], 1.0));
     write(&both, &at.join("in.ply"));
     let wanted = count(&both);

@@ -1,8 +1,6 @@
 //! `simplify --verify` and heatmaps: the numbers of `measure`, in any budget, and nothing left behind.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{count, expect};
+use crate::common::{count, expect, scratch};
 use serde_json::Value;
 use std::path::Path;
 use stonecut::io::ply::{MeshSource, VertexBlock};
@@ -20,8 +18,7 @@ fn names(folder: &Path) -> Vec<String> {
 
 #[test]
 fn verified_in_the_run_is_what_measure_says_afterwards() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     expect(out, "synth scans in.ply --triangles 300k", 0);
     let simplify = "simplify in.ply out.ply --ratio 5% --cell-triangles 20k --verify --force";
     // The second budget holds no mesh of this size together with its tree.
@@ -63,8 +60,7 @@ fn verified_in_the_run_is_what_measure_says_afterwards() {
 
 #[test]
 fn what_a_killed_verification_left_goes() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     expect(out, "synth terrain in.ply --triangles 50k", 0);
     let simplify = "simplify in.ply out.ply --ratio 5% --cell-triangles 10k --verify";
     expect(out, &format!("{simplify} --until stitch"), 0);
@@ -77,8 +73,7 @@ fn what_a_killed_verification_left_goes() {
 
 #[test]
 fn what_cannot_be_read_again_is_refused_before_work() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     expect(out, "synth terrain in.ply --triangles 20k", 0);
     for (files, word) in [("in.ply o.glb", "GLB"), ("in.ply -", "output"), ("- o.ply", "input")] {
         let said = expect(out, &format!("simplify {files} --ratio 5% --verify"), 2);
@@ -100,8 +95,7 @@ fn vertices(path: &Path) -> (Vec<u8>, Vec<String>) {
 
 #[test]
 fn either_mesh_is_coloured_by_its_distance_to_the_other() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     expect(out, "synth terrain in.ply --triangles 300k", 0);
     expect(out, "simplify in.ply out.ply --ratio 2% --cell-triangles 40k", 0);
     for (which, mesh) in [("original", "in.ply"), ("simplified", "out.ply")] {

@@ -1,6 +1,5 @@
 //! Memory, threads and interruptions change no byte; the plan of the disk is right; a budget stays within the limit.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // Figures for whoever looks.
 
 use crate::common::expect;

@@ -1,9 +1,8 @@
 //! Jobs in units: the bytes of `simplify`, whatever the number of units, their order, repetitions and deaths.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // Skipped tests say so.
 
-use crate::common::{expect, run, stonecut};
+use crate::common::{expect, run, scratch, stonecut};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
@@ -374,8 +373,7 @@ fn a_worker_ends_with_its_parent() {
 
 #[test]
 fn a_chain_of_levels_has_the_bytes_of_one_process() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let levels = "--triangles 12k,3k,500 --cell-triangles 3000";
     expect(at, "synth statue in.ply --triangles 60k", 0);
     expect(at, &format!("simplify in.ply whole.ply {levels} -q"), 0);

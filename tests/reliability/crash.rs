@@ -2,8 +2,6 @@
 //!
 //! Whatever happened, the output is absent or complete, and the same command ends with the reference bytes.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::one_in;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};

@@ -3,10 +3,9 @@
 //!
 //! `STONECUT_FORGED=N` forges N files at each of three stages and `STONECUT_FUZZ_SEED=S` others than the usual ones.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // The figures of a long run.
 
-use crate::common::expect;
+use crate::common::{expect, scratch};
 use crate::spoiled::{Random, judge_codes, number};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -126,8 +125,7 @@ fn files(job: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 
 #[test]
 fn forged_job_files_are_refused_or_read() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 8500", 0);
     let (job, output) = (at.join("out.ply.stonecut-job"), at.join("out.ply"));
     let mut random = Random::new(123);
@@ -164,8 +162,7 @@ fn forged_job_files_are_refused_or_read() {
 
 #[test]
 fn fewer_vertices_than_there_are_rows_are_found() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 8500", 0);
     expect(at, &format!("{COMMAND} --until partition"), 0);
     let path = at.join("out.ply.stonecut-job/manifest.jsonl");
@@ -187,8 +184,7 @@ fn fewer_vertices_than_there_are_rows_are_found() {
 #[test]
 fn a_note_on_a_cell_that_is_not_there_is_found() {
     const FOREIGN: u32 = 5;
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 8500", 0);
     expect(
         at,

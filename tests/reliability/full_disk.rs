@@ -3,8 +3,6 @@
 //! Needs the right to mount a tmpfs (root); says that it is skipped otherwise. Every stop is clean, has its own
 //! exit code and names the remedy; once there is room again the same command ends with the reference bytes.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::volume::Volume;
 use crate::common::{expect, stonecut};
 use std::path::{Path, PathBuf};

@@ -1,5 +1,7 @@
 //! Crashes, full disks, damage, little memory and many machines: the same bytes, or a clear error.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 #[path = "../common/mod.rs"]
 mod common;
 

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // Figures.
 
-use crate::common::{expect, run};
+use crate::common::{expect, run, scratch};
 use std::path::Path;
 
 /// The size that a refusal names.
@@ -28,8 +28,7 @@ fn is_not_refused(folder: &Path, command: &str, said: &str) {
 
 #[test]
 fn what_is_named_is_enough() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 30k", 0);
     expect(at, "simplify in.ply small.ply --triangles 4k --progressive p.pm", 0);
     expect(at, "synth rooms rooms.obj --triangles 20k --uv", 0);
@@ -64,8 +63,7 @@ fn what_is_named_is_enough() {
 /// Two large triangles that are cut into many thousand before there is anything to choose from.
 #[test]
 fn a_surface_of_long_triangles_names_enough_for_their_pieces() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let mut text = String::new();
     for (x, y) in [(0, 0), (1, 0), (1, 1), (0, 1)] {
         text.push_str(&format!("v {x} {y} 0\n"));
@@ -94,8 +92,7 @@ fn a_surface_of_long_triangles_names_enough_for_their_pieces() {
 /// The memory of a picture is known before anything is read.
 #[test]
 fn a_picture_beyond_the_memory_is_refused_with_a_size_that_fits() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 2k", 0);
     let said = expect(at, "render in.ply -o p.png --size 16000x16000 --memory 1GiB", 6);
     let size = said.split("or make it ").nth(1).unwrap_or_else(|| panic!("{said}")).trim();
@@ -110,8 +107,7 @@ fn a_picture_beyond_the_memory_is_refused_with_a_size_that_fits() {
 /// The JSON of a report is known before it is parsed, and only passed over where it could be replaced.
 #[test]
 fn reports_of_others_take_no_memory() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 500", 0);
     let list = vec!["{}"; 300_000].join(",");
     let text = format!("{{\"input\":{{}},\"output\":{{}},\"stages\":[{list}]}}");
@@ -124,8 +120,7 @@ fn reports_of_others_take_no_memory() {
 /// Lists and trees of tiles of others are weighed before their parts are looked for.
 #[test]
 fn lists_and_trees_of_others_take_a_share_of_the_memory() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 500", 0);
     std::fs::write(at.join("l.txt"), "in.ply\n".repeat(40_000)).unwrap();
     is_enough(at, "convert @l.txt o.ply --force", "64MiB");
@@ -158,8 +153,7 @@ fn lists_and_trees_of_others_take_a_share_of_the_memory() {
 /// The first refusal of a page of pictures counts the images of all its meshes; a picture without smooth shading says so.
 #[test]
 fn the_first_size_of_a_page_counts_normal_maps() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for (name, side) in [("a", 200u32), ("b", 1500)] {
         let rgb = vec![128; 3 * (side * side) as usize];
         let image = stonecut::render::Picture { width: side, height: side, rgb };
@@ -187,8 +181,7 @@ fn the_first_size_of_a_page_counts_normal_maps() {
 
 #[test]
 fn a_library_of_materials_beyond_the_memory_is_refused_with_a_size_that_does() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let text = format!("newmtl a\nKd 1 0 0\n# {}\n", "x".repeat(3 << 20));
     std::fs::write(at.join("m.mtl"), text).unwrap();
     std::fs::write(
@@ -217,8 +210,7 @@ fn glb(json: &str) -> Vec<u8> {
 /// A tile of some hundred bytes, or of millions of empty nodes, that claims gibibytes.
 #[test]
 fn a_tile_is_worth_no_more_memory_than_its_share() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 4000", 0);
     expect(at, "tiles in.ply t --tile-triangles 500 -q", 0);
     let nodes = vec!["{}"; 100_000].join(",");
@@ -264,8 +256,7 @@ fn watched(folder: &Path, command: &str) -> (i32, String, u64) {
 /// Images are weighed by their headers before they are decoded: pictures take what was named and no more.
 #[test]
 fn decoded_images_are_counted() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let side = 1600;
     let rgb = vec![90; 3 * side * side];
     let [width, height] = [side as u32; 2];

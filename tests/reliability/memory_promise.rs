@@ -2,10 +2,9 @@
 //!
 //! Skipped, and said so, where cgroups of version 1 cannot be made.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // Skipped tests say so.
 
-use crate::common::{expect, skipped};
+use crate::common::{expect, scratch, skipped};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -269,8 +268,7 @@ fn many_threads_stay_within_the_least_budget() {
 /// The memory that a refusal names is enough, and so is the size of cells.
 #[test]
 fn the_advice_of_a_refusal_for_memory_works() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 900k --color", 0);
     let command = "simplify in.ply out.ply --ratio 30% --until partition --restart";
     let said = expect(at, &format!("{command} --memory 60MiB"), 6);

@@ -1,9 +1,7 @@
 //! Names that a command may replace or remove: those that it has written itself, nothing that appeared meanwhile, nothing in a
 //! folder of others.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, stonecut};
+use crate::common::{expect, scratch, stonecut};
 use crate::populated::snapshot;
 use std::io::Write;
 use std::os::unix::fs::{PermissionsExt, symlink};
@@ -275,8 +273,7 @@ fn special_files_in_a_tree_are_refused_by_name() {
 /// Libraries beside a mesh that are no files, and a folder of images that leads elsewhere.
 #[test]
 fn libraries_that_are_no_files_and_linked_folders() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let text = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n";
     std::fs::write(at.join("m.obj"), text).unwrap();
     assert!(Command::new("mkfifo").arg(at.join("m.mtl")).status().unwrap().success());

@@ -1,10 +1,9 @@
 //! Commands in a folder full of other people's files, some of them under names that are nearly ours: afterwards every
 //! byte but those of the output is as it was.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // The figures.
 
-use crate::common::{expect, run};
+use crate::common::{expect, run, scratch};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -109,8 +108,7 @@ const REGIONS: [&str; 2] = ["parts/1.stl", "parts/2.stl"];
 
 #[test]
 fn nothing_but_the_output_changes() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 4000", 0);
     let two = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
                element face 2\nproperty list uchar int vertex_indices\nproperty int label\nend_header\n\
@@ -204,8 +202,7 @@ const PLACES: [&str; 9] = [
 /// Whatever is named as an output, with `--force` where there is one: what lay there before is there afterwards.
 #[test]
 fn no_output_takes_the_place_of_what_is_not_a_mesh_of_ours() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 600", 0);
     expect(at, "synth foam foam.ply --triangles 600", 0);
     expect(at, "simplify in.ply small.ply --ratio 50% -q", 0);

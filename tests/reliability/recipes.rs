@@ -1,17 +1,15 @@
 //! What engines are handed: the script for Slurm, and the recipes of `tools/recipes`, with a unit that is killed.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // Skipped tests say so.
 
 use crate::cluster::{bytes, plan, scan};
-use crate::common::{expect, run, stonecut};
+use crate::common::{expect, run, scratch, stonecut};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 #[test]
 fn a_script_for_slurm_chains_arrays() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 10k", 0);
     let job = at.join("it's a job");
     let output = stonecut()

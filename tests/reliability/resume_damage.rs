@@ -1,8 +1,6 @@
 //! Damaged and truncated job files, changed inputs, two runs at once: each is told or does no harm.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, run, stonecut};
+use crate::common::{expect, run, scratch, stonecut};
 use std::path::{Path, PathBuf};
 
 const COMMAND: &str = "simplify in.ply out.ply --triangles 4400 --cell-triangles 1000 --threads 1";
@@ -29,8 +27,7 @@ fn job_files(folder: &Path) -> Vec<PathBuf> {
 
 #[test]
 fn damage_is_found_or_harmless() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 8500", 0);
     expect(at, COMMAND, 0);
     let reference = std::fs::read(at.join("out.ply")).unwrap();
@@ -93,8 +90,7 @@ fn damage_is_found_or_harmless() {
 
 #[test]
 fn a_changed_input_is_refused_by_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 8500", 0);
     expect(at, &format!("{COMMAND} --until partition"), 0);
     expect(at, "synth terrain in.ply --triangles 8500 --seed 9 --force", 0);
@@ -107,8 +103,7 @@ fn a_changed_input_is_refused_by_name() {
 
 #[test]
 fn other_settings_are_refused_until_restart() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 8500", 0);
     expect(at, &format!("{COMMAND} --until partition"), 0);
     let other = "simplify in.ply out.ply --triangles 3000 --cell-triangles 1000";
@@ -121,8 +116,7 @@ fn other_settings_are_refused_until_restart() {
 
 #[test]
 fn a_second_run_says_who_works_and_a_dead_holder_is_followed() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 1M", 0);
     let command = "simplify in.ply out.ply --ratio 1% --cell-triangles 20k --threads 1";
     let mut first = stonecut().current_dir(at).args(command.split(' ')).spawn().unwrap();
@@ -178,8 +172,7 @@ fn write_shape(path: &Path, shape: Shape, n: u32) {
 /// point they are no surface, and refused.
 #[test]
 fn degenerate_shapes_complete_in_the_budget() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for shape in [Shape::Fan, Shape::Hub, Shape::Point] {
         write_shape(&at.join("in.ply"), shape, 500_000);
         let command = "simplify in.ply out.ply --ratio 1% --cell-triangles 50k --memory 128MiB --force \
@@ -241,8 +234,7 @@ fn write_sheet(at: &Path, height: f32) {
 
 #[test]
 fn a_changed_buffer_beside_the_input_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     write_sheet(at, 1.0);
     let command = "simplify in.gltf out.ply --ratio 20%";
     expect(at, &format!("{command} --until partition"), 0);
@@ -254,8 +246,7 @@ fn a_changed_buffer_beside_the_input_is_refused() {
 
 #[test]
 fn another_stream_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let piped = |options: &str, input: &str| {
         let file = std::fs::File::open(at.join(input)).unwrap();
         let words = format!("simplify - out.ply --ratio 20% {options}");
@@ -272,8 +263,7 @@ fn another_stream_is_refused() {
 
 #[test]
 fn seams_are_written_once_and_a_run_goes_on_behind_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 20k", 0);
     let command = "simplify in.ply out.ply --ratio 2% --cell-triangles 3000 --seams s.ply";
     expect(at, &format!("{command} --until simplify"), 0);
@@ -285,8 +275,7 @@ fn seams_are_written_once_and_a_run_goes_on_behind_them() {
 
 #[test]
 fn nothing_of_a_progressive_mesh_stays_behind_a_restart() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 8500", 0);
     let command = "simplify in.ply out.ply --ratio 10%";
     expect(at, &format!("{command} --progressive p.pm --until stitch"), 0);

@@ -3,10 +3,9 @@
 //!
 //! `STONECUT_SPOILED=N` spoils N files of each format and `STONECUT_FUZZ_SEED=S` others than the usual ones (`.ci/nightly`).
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // The figures of a long run.
 
-use crate::common::{expect, stonecut};
+use crate::common::{expect, scratch, stonecut};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -302,8 +301,7 @@ fn make_others(at: &Path) {
 
 #[test]
 fn spoiled_files_are_refused_or_read() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     make_files(at);
     type Spoil = fn(&[u8], &mut Random) -> Vec<u8>;
     let files: [(&str, Spoil); 14] = [
@@ -375,8 +373,7 @@ fn nasty_mesh(random: &mut Random) -> String {
 
 #[test]
 fn random_options_on_nasty_meshes() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let mut random = Random::new(77);
     let n = number("STONECUT_SPOILED").unwrap_or(12);
     for _ in 0..n {

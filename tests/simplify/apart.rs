@@ -1,8 +1,6 @@
 //! Under `--no-self-intersections` nothing passes through itself that did not, in one cell and in many.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, one_in, run, write_ply};
+use crate::common::{expect, one_in, run, scratch, write_ply};
 use stonecut::kernel::{Fit, Options, Stop, simplify_mesh};
 use stonecut::measure::intersections::in_memory;
 use stonecut::mesh::Mesh;
@@ -77,8 +75,7 @@ fn what_was_there_may_stay_but_not_grow() {
 
 #[test]
 fn cells_make_none_either_and_threads_do_not_show() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let mesh = sheets(100, 4);
     write_ply(&at.join("in.ply"), Scalar::F32, &mesh.positions, &mesh.triangles);
     let options = "--ratio 5% --cell-triangles 2000 --no-self-intersections";

@@ -1,8 +1,6 @@
 //! A chain of levels in one run: every file exact, as good as a run of its own, and found again after an interruption.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{check, count, expect, rms};
+use crate::common::{check, count, expect, rms, scratch};
 use std::path::Path;
 
 fn statue(folder: &Path) {
@@ -15,8 +13,7 @@ fn json(path: &Path) -> serde_json::Value {
 
 #[test]
 fn every_level_is_exact_and_as_good_as_a_run_alone() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     statue(at);
     // Too large for a finish, a finish, another from what the first took in.
     let common = "--cell-triangles 5k";
@@ -76,8 +73,7 @@ fn every_level_is_exact_and_as_good_as_a_run_alone() {
 
 #[test]
 fn shares_and_obj_make_a_chain_too() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     statue(at);
     expect(at, "simplify in.ply out.obj --ratio 10%,1%", 0);
     let n = count(&check(at, "in.ply"), "triangles") as f64;
@@ -91,8 +87,7 @@ fn shares_and_obj_make_a_chain_too() {
 
 #[test]
 fn lists_that_make_no_sense_are_refused_before_the_first_byte() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     statue(at);
     for (options, says) in [
         ("out.ply --triangles 3k,3000", "same level"),

@@ -1,8 +1,6 @@
 //! `--min-component`: small components go, whatever the order, the cells and the seams of the input.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{check, count, expect, one_in, report, write_ply};
+use crate::common::{check, count, expect, one_in, report, scratch, write_ply};
 use std::collections::HashMap;
 use std::path::Path;
 use stonecut::config::{Config, MinComponent, Target};
@@ -161,8 +159,7 @@ impl Scan {
 
 /// Runs with a target above the input: nothing but the small components may go.
 fn check_drop(scan: &Scan, option: &str, goes: impl Fn(&(u64, f64)) -> bool) {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     scan.write(&out.join("in.ply"));
     let all = scan.components();
     let kept: Vec<_> = all.iter().filter(|component| !goes(component)).collect();
@@ -371,8 +368,7 @@ fn faces_of_ply(path: &Path) -> Vec<Face> {
 /// limit, stay together.
 #[test]
 fn texture_and_labels_stay_with_what_stays() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     let scan = Scan::noisy(true);
     // A chart of the sheet has 840 triangles.
     let command = "--triangles 1M --cell-triangles 1k --min-component 1000 --report r.json";
@@ -395,8 +391,7 @@ fn texture_and_labels_stay_with_what_stays() {
 
 #[test]
 fn threads_and_memory_do_not_show_and_a_ratio_means_the_whole_input() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     let scan = Scan::noisy(true);
     scan.write(&out.join("in.ply"));
     let simplify = |name: &str, more: &str| {
@@ -415,8 +410,7 @@ fn threads_and_memory_do_not_show_and_a_ratio_means_the_whole_input() {
 
 #[test]
 fn nothing_left_is_no_success() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     Scan::noisy(false).write(&out.join("in.ply"));
     let command = "simplify in.ply out.ply --ratio 10% --cell-triangles 1k --min-component";
     let said = expect(out, &format!("{command} 1M"), 3);
@@ -430,8 +424,7 @@ fn nothing_left_is_no_success() {
 /// In memory and through cells; where no two vertices are in one place, what `components` counts.
 #[test]
 fn info_counts_the_same_sizes() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     for is_cut in [false, true] {
         let scan = Scan::noisy(is_cut).shuffled();
         scan.write(&out.join("in.ply"));
@@ -458,8 +451,7 @@ fn info_counts_the_same_sizes() {
 /// A speck far away would make every bound unattainable; it goes, and what is left keeps the bound.
 #[test]
 fn a_bound_is_on_what_is_left() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     let mut scan = Scan::default();
     scan.sheet(60, false);
     scan.strip(20, [500.0, 0.0, 0.0], 0.5);

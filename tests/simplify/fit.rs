@@ -1,7 +1,5 @@
 //! The fit: it lowers the error, both ways, and touches nothing that it must not.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::meshes::{self, bumps};
 use stonecut::Mesh;
 use stonecut::kernel::{Fit, Options, Simplified, Stop, simplify_mesh};

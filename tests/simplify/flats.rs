@@ -1,8 +1,6 @@
 //! What lies in a plane exactly stays there: designed parts come back with their corners, a sea at its height.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{check, count, expect, write_ply};
+use crate::common::{check, count, expect, scratch, write_ply};
 use std::collections::HashMap;
 use std::path::Path;
 use stonecut::mesh::property::Scalar;
@@ -106,8 +104,7 @@ fn turn_back([x, y, z]: Place) -> Place {
 
 #[test]
 fn designed_parts_come_back_with_their_corners() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let thin = [10.0, 6.0, 0.05];
     let parts = [
         ("cube", cuboid([1.0; 3], [40; 3]), [1.0; 3], 12),
@@ -141,8 +138,7 @@ fn designed_parts_come_back_with_their_corners() {
 
 #[test]
 fn a_sea_stays_flat() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 200k --sea", 0);
     let flat_area = |name: &str| {
         let places = vertices(at, name);

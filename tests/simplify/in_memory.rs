@@ -1,7 +1,5 @@
 //! Meshes in memory: cells in memory show as little as cells on disk, and one cell gives the bytes of a file.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::expect;
 use std::ffi::OsString;
 use std::path::Path;

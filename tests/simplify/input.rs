@@ -1,8 +1,6 @@
 //! What `simplify` drops from its input and says so, and what it must not touch.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{check, count, expect, json};
+use crate::common::{check, count, expect, json, scratch};
 use std::collections::HashMap;
 use std::path::Path;
 use stonecut::io::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
@@ -208,8 +206,7 @@ fn write_quads(folder: &Path, n: u32) -> [&'static str; 3] {
 
 #[test]
 fn a_quad_is_two_triangles_everywhere() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     for file in write_quads(out, 50) {
         let said =
             expect(out, &format!("simplify {file} o.ply --ratio 1 --force --report r.json"), 0);
@@ -228,8 +225,7 @@ fn a_quad_is_two_triangles_everywhere() {
 
 #[test]
 fn one_polygon_is_as_many_triangles_as_it_has_corners_but_two() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     for n in [5u32, 1000] {
         let turn = |i: u32| std::f64::consts::TAU * f64::from(i) / f64::from(n);
         let corners = |i: u32| format!("v {} {} 0\n", turn(i).cos(), turn(i).sin());

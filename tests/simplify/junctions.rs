@@ -1,7 +1,5 @@
 //! Surfaces of which three sheets meet along a curve: they stay together, in one cell and in many, with labels or without.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::expect;
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,8 +1,6 @@
 //! Vertices that stay bit for bit: boundaries, and those with a property.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::expect;
+use crate::common::{expect, scratch};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use stonecut::io::ply::{FaceBlock, MeshSource, VertexBlock};
@@ -59,8 +57,7 @@ fn places(path: &Path) -> (BTreeSet<Place>, BTreeSet<[Place; 2]>) {
 
 #[test]
 fn a_locked_boundary_stays_bit_for_bit_through_cells_and_rounds() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     write_sheet(&at.join("in.ply"), "float");
     for options in ["", " --cell-triangles 1k", " --max-error 0.1"] {
         let target = if options.contains("error") { "" } else { "--ratio 15%" };
@@ -78,8 +75,7 @@ fn a_locked_boundary_stays_bit_for_bit_through_cells_and_rounds() {
 #[test]
 fn vertices_with_a_property_stay_whatever_its_type() {
     for kind in ["float", "int", "uchar"] {
-        let folder = tempfile::tempdir().unwrap();
-        let at = folder.path();
+        let at = &scratch();
         write_sheet(&at.join("in.ply"), kind);
         let m = N + 1;
         let input = MeshSource::open(&at.join("in.ply")).unwrap();
@@ -102,8 +98,7 @@ fn vertices_with_a_property_stay_whatever_its_type() {
 
 #[test]
 fn locks_that_cannot_be_kept_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     write_sheet(&at.join("in.ply"), "int");
     for method in
         ["--method cluster", "--method decimate", "--method retile", "--pairs", "--optimize 1"]

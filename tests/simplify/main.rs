@@ -1,5 +1,7 @@
 //! The main job and the other methods, from input to result.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 #[path = "../common/mod.rs"]
 mod common;
 

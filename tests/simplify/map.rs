@@ -1,9 +1,7 @@
 //! Maps of vertices lead where vertices went, through rounds, stops and joined copies; values are carried over by them.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::meshes::{soup, torus};
-use crate::common::{expect, write_ply};
+use crate::common::{expect, scratch, write_ply};
 use std::path::Path;
 use stonecut::config::{Config, Target};
 use stonecut::io::npy::{self, NpyArray};
@@ -55,8 +53,7 @@ fn bytes(folder: &Path, name: &str) -> Vec<u8> {
 /// Rounds, new cells between them, and a finish; again with other threads, in two parts, with more than fits into memory.
 #[test]
 fn every_vertex_leads_to_one_near_it_whatever_ran_at_once() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let mesh = bumpy(90);
     write(folder, &mesh);
     let options = "--ratio 40% --cell-triangles 1000 --threads 1";
@@ -119,8 +116,7 @@ fn rows_of_arrays_lead_where_their_vertices_went() {
 
 #[test]
 fn vertices_that_stay_lead_to_themselves() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let mesh = bumpy(40);
     write(folder, &mesh);
     let options = "--ratio 20% --cell-triangles 1000 --placement subset --map m.npy";
@@ -135,8 +131,7 @@ fn vertices_that_stay_lead_to_themselves() {
 /// A triangle a corner of its own, and one that has no area: its vertices became none.
 #[test]
 fn copies_become_what_one_of_them_did() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let whole = bumpy(40);
     let corners = whole.triangles.iter().map(|t| t.map(|v| whole.positions[v as usize]));
     let mut mesh = soup(&corners.collect::<Vec<_>>());
@@ -163,8 +158,7 @@ fn copies_become_what_one_of_them_did() {
 
 #[test]
 fn values_go_to_the_result_and_back() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let array = |name: &str, kind: &str, shape: &[u64], rows: &[Vec<u8>]| {
         let bytes = [npy::header(kind, shape), rows.concat()].concat();
         std::fs::write(folder.join(name), bytes).unwrap();
@@ -198,8 +192,7 @@ fn values_go_to_the_result_and_back() {
 
 #[test]
 fn what_a_map_does_not_go_with_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     write(folder, &bumpy(10));
     for (options, word) in [
         ("out.ply --ratio 50% --max-error 1", "--max-error"),

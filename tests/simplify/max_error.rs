@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-use crate::common::{count, expect, run, write_ply};
+use crate::common::{count, expect, run, scratch, write_ply};
 use std::path::Path;
 use stonecut::Mesh;
 use stonecut::kernel::{Bound, Options, Stop, simplify_mesh};
@@ -25,8 +25,7 @@ fn json(path: &Path) -> serde_json::Value {
 
 #[test]
 fn the_result_stays_within_the_bound_and_goes_far() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for kind in ["statue", "terrain", "volume"] {
         expect(at, &format!("synth {kind} in.ply --triangles 6k --force"), 0);
         let diagonal = diagonal(at, "in.ply");
@@ -58,8 +57,7 @@ fn the_result_stays_within_the_bound_and_goes_far() {
 #[test]
 fn holes_wider_than_the_bound_stay_open_and_cost_little() {
     const SIDE: u32 = 80;
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let holes = [(20.0, 20.0, 3.0), (60.0, 25.0, 2.5), (40.0, 60.0, 4.0), (10.0, 70.0, 2.5)];
     let mut positions = Vec::new();
     let mut triangles = Vec::new();
@@ -88,8 +86,7 @@ fn holes_wider_than_the_bound_stay_open_and_cost_little() {
 #[test]
 fn what_others_stand_in_for_vanishes_and_what_is_far_stays() {
     const SIDE: u32 = 40;
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     for (y, x) in (0..=SIDE).flat_map(|y| (0..=SIDE).map(move |x| (y, x))) {
         let (u, v) = (f64::from(x), f64::from(y));
@@ -128,8 +125,7 @@ fn what_others_stand_in_for_vanishes_and_what_is_far_stays() {
 fn thin_handles_are_cut_within_the_bound() {
     const AROUND: u32 = 240;
     const ACROSS: u32 = 12;
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     for (i, j) in (0..AROUND).flat_map(|i| (0..ACROSS).map(move |j| (i, j))) {
         let turn = |k: u32, n: u32| std::f64::consts::TAU * f64::from(k) / f64::from(n);
@@ -163,8 +159,7 @@ fn diagonal(at: &Path, input: &str) -> f64 {
 
 #[test]
 fn bytes_depend_on_neither_threads_nor_memory() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth scans in.ply --triangles 60k --color", 0);
     let bytes = |options: &str| {
         let command = "simplify in.ply out.ply --max-error 0.004 --cell-triangles 3k --error-field";
@@ -178,8 +173,7 @@ fn bytes_depend_on_neither_threads_nor_memory() {
 
 #[test]
 fn whichever_comes_first_ends_it() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 30k", 0);
     let bound = 0.003 * diagonal(at, "in.ply");
     let triangles = |options: &str, code: i32| {
@@ -195,8 +189,7 @@ fn whichever_comes_first_ends_it() {
 
 #[test]
 fn a_bound_of_nothing_changes_nothing_and_a_huge_one_leaves_hardly_anything() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 8k", 0);
     for bound in ["0", "1e-30"] {
         expect(
@@ -228,8 +221,7 @@ fn a_bound_of_nothing_changes_nothing_and_a_huge_one_leaves_hardly_anything() {
 
 #[test]
 fn the_field_has_a_distance_for_every_vertex() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 20k", 0);
     expect(at, "simplify in.ply o.ply --max-error 0.5 --error-field --format ascii", 0);
     let text = std::fs::read_to_string(at.join("o.ply")).unwrap();
@@ -250,8 +242,7 @@ fn the_field_has_a_distance_for_every_vertex() {
 
 #[test]
 fn stages_one_by_one_give_the_same_bytes() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 20k", 0);
     let bounded = "simplify in.ply out.ply --max-error 0.002 --cell-triangles 3k --memory 200MiB";
     expect(at, &bounded.replace("out.ply", "direct.ply"), 0);
@@ -302,8 +293,7 @@ fn points_of_the_original_ride_from_round_to_round() {
 
 #[test]
 fn a_bound_below_the_rounding_of_the_output_ends_with_a_word() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let mesh = synth::mesh(&Settings::new(Kind::Statue, 3_000)).unwrap();
     let far: Vec<[f64; 3]> = mesh.positions.iter().map(|p| p.map(|x| 0.1 * x + 4e6)).collect();
     write_ply(&at.join("in.ply"), Scalar::F64, &far, &mesh.triangles);

@@ -1,8 +1,6 @@
 //! `simplify --method cluster` end to end: counts, bytes, attributes, refusals.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{check, count, expect, json, report, rms, run, write_ply};
+use crate::common::{check, count, expect, json, report, rms, run, scratch, write_ply};
 use std::path::Path;
 use stonecut::mesh::property::Scalar;
 
@@ -26,8 +24,7 @@ fn flat(n: u32) -> String {
 
 #[test]
 fn clusters_meet_the_target_and_stay_near_the_surface() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for kind in ["statue", "terrain", "gyroid", "scans"] {
         expect(at, &format!("synth {kind} in.ply --triangles 120k --force"), 0);
         for target in [30_000, 6_000, 600] {
@@ -59,8 +56,7 @@ fn clusters_meet_the_target_and_stay_near_the_surface() {
 /// was manifold has the bytes that it has without the option.
 #[test]
 fn clusters_come_apart_where_sheets_joined() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for (kind, is_joined) in [("flat", false), ("gyroid", true)] {
         match kind {
             "flat" => std::fs::write(at.join("in.ply"), flat(60)).unwrap(),
@@ -83,8 +79,7 @@ fn clusters_come_apart_where_sheets_joined() {
 
 #[test]
 fn clusters_are_the_same_bytes_for_any_threads_and_memory() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     // 20 blocks of vertices, 1.5 MiB each: more than the least budget holds.
     expect(at, "synth terrain in.ply --triangles 2600k --format double", 0);
     let simplify = "simplify in.ply out.ply --method cluster --triangles 3k --force";
@@ -106,8 +101,7 @@ fn clusters_are_the_same_bytes_for_any_threads_and_memory() {
 
 #[test]
 fn a_plan_says_what_a_run_does_and_writes_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 100k", 0);
     let simplify = "simplify in.ply out.ply --method cluster";
     let plan = expect(at, &format!("{simplify} --ratio 5% --dry-run"), 0);
@@ -136,8 +130,7 @@ fn a_plan_says_what_a_run_does_and_writes_nothing() {
 
 #[test]
 fn a_flat_square_stays_flat_whole_and_the_right_way_up() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     std::fs::write(at.join("in.ply"), flat(100)).unwrap();
     let said =
         expect(at, "simplify in.ply out.ply --method cluster --triangles 800 --format ascii", 0);
@@ -171,8 +164,7 @@ fn a_flat_square_stays_flat_whole_and_the_right_way_up() {
 
 #[test]
 fn what_vertices_carry_is_averaged() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth scans in.ply --triangles 60k --color", 0);
     let simplify = "simplify in.ply out.ply --method cluster --triangles 5k --force";
     expect(at, simplify, 0);
@@ -222,8 +214,7 @@ fn what_vertices_carry_is_averaged() {
 
 #[test]
 fn options_that_mean_nothing_are_refused_by_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 5k", 0);
     for (option, named) in [
         ("--ratio 10% --cell-triangles 2k", "--cell-triangles"),
@@ -263,8 +254,7 @@ fn options_that_mean_nothing_are_refused_by_name() {
 
 #[test]
 fn broken_inputs_are_errors_or_dropped_and_never_a_panic() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let head = |n_vertices: u32, n_faces: u32| {
         format!(
             "ply\nformat ascii 1.0\nelement vertex {n_vertices}\nproperty float x\nproperty float y\nproperty float z\n\
@@ -313,8 +303,7 @@ fn rows(path: &Path) -> Vec<[u8; 12]> {
 
 #[test]
 fn decimation_meets_the_count_keeps_vertices_and_the_topology() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for kind in ["statue", "terrain", "gyroid"] {
         expect(at, &format!("synth {kind} in.ply --triangles 60k --force"), 0);
         let before = check(at, "in.ply");
@@ -358,8 +347,7 @@ fn decimation_meets_the_count_keeps_vertices_and_the_topology() {
 
 #[test]
 fn decimation_keeps_creases_refuses_what_does_not_fit_and_carries_attributes() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     // A roof of two planes with a ridge along x = 20.
     let roof: String = flat(40)
         .lines()
@@ -407,8 +395,7 @@ fn decimation_keeps_creases_refuses_what_does_not_fit_and_carries_attributes() {
 
 #[test]
 fn methods_are_compared_on_one_page() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 20k", 0);
     let said = expect(
         at,
@@ -468,8 +455,7 @@ fn faces_that_are_there_twice_are_dropped_by_every_method() {
         ("turned", part.iter().map(back).collect()),
         ("two-sided", clean.iter().map(back).collect::<Vec<_>>()),
     ];
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     write_ply(&at.join("clean.ply"), Scalar::F64, &positions, &clean);
     for (name, more) in doubled {
         let all: Vec<[u32; 3]> = clean.iter().chain(&more).copied().collect();
@@ -495,8 +481,7 @@ fn faces_that_are_there_twice_are_dropped_by_every_method() {
 #[test]
 fn missing_values_do_not_spread_by_any_method() {
     const SIDE: u32 = 90;
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let mut text = format!(
         "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
          property float quality\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",

@@ -1,9 +1,7 @@
 //! `simplify --optimize` end to end: the count, the error, boundaries, topology, attributes, bytes, refusals.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::meshes::{ply_text, sheet_triangles};
-use crate::common::{check, count, expect, report, rms};
+use crate::common::{check, count, expect, report, rms, scratch};
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -12,8 +10,7 @@ const FAULTS: [&str; 4] =
 
 #[test]
 fn the_error_falls_at_the_same_count_and_topology() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for kind in ["statue", "terrain"] {
         expect(at, &format!("synth {kind} in.ply --triangles 60k --force"), 0);
         for target in [6_000, 600] {
@@ -73,8 +70,7 @@ fn mesh(path: &Path) -> (Vec<[f32; 3]>, Vec<[usize; 3]>) {
 
 #[test]
 fn boundaries_keep_their_places() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 30k", 0);
     let simplify = "simplify in.ply out.ply --triangles 2k --force --format ascii --fit on";
     expect(at, simplify, 0);
@@ -85,8 +81,7 @@ fn boundaries_keep_their_places() {
 
 #[test]
 fn threads_memory_and_an_earlier_run_do_not_show() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 40k", 0);
     let options = "--triangles 3k --optimize 1 --cell-triangles 8k --force";
     expect(at, &format!("simplify in.ply out.ply {options} --threads 1"), 0);
@@ -105,8 +100,7 @@ fn threads_memory_and_an_earlier_run_do_not_show() {
 
 #[test]
 fn results_of_every_method_are_optimised() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 40k", 0);
     for method in ["cluster", "decimate", "retile"] {
         let simplify = format!("simplify in.ply out.ply --method {method} --triangles 3k --force");
@@ -126,8 +120,7 @@ fn results_of_every_method_are_optimised() {
 /// A plane with a colour that follows its place, labels in halves, and normals.
 #[test]
 fn what_vertices_carry_follows_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let n = 60u32;
     let rows = (0..(n + 1) * (n + 1)).map(|v| {
         let (x, y) = (v % (n + 1), v / (n + 1));
@@ -152,8 +145,7 @@ fn what_vertices_carry_follows_them() {
 
 #[test]
 fn what_does_not_go_with_it_is_refused_before_any_work() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 40k", 0);
     for (options, word) in [
         ("--triangles 9k --max-error 0.1", "--max-error"),

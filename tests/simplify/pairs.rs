@@ -1,9 +1,7 @@
 //! `simplify --pairs` end to end: components join, tunnels close, counts, bytes, attributes, refusals.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::meshes::ply_text;
-use crate::common::{check, count, expect, json, rms, run};
+use crate::common::{check, count, expect, json, rms, run, scratch};
 use std::f64::consts::PI;
 use std::path::Path;
 
@@ -64,8 +62,7 @@ fn genus(info: &serde_json::Value) -> i64 {
 
 #[test]
 fn near_components_become_one() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for (gap, shape, n_left) in [(0.004, halves(0.004), 1), (6.0, spheres(2, 6.0), 2)] {
         let (vertices, triangles) = shape;
         std::fs::write(at.join("in.ply"), ply(&vertices, &triangles)).unwrap();
@@ -92,8 +89,7 @@ fn near_components_become_one() {
 
 #[test]
 fn tunnels_close_and_counts_are_met() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for kind in ["gyroid", "statue", "terrain", "scans"] {
         expect(at, &format!("synth {kind} in.ply --triangles 60k --force"), 0);
         for target in [3_000, 301, 40] {
@@ -116,8 +112,7 @@ fn tunnels_close_and_counts_are_met() {
 
 #[test]
 fn threads_memory_and_an_earlier_run_do_not_show() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth gyroid in.ply --triangles 60k", 0);
     let options = "--triangles 2000 --pairs --cell-triangles 8k --force";
     expect(at, &format!("simplify in.ply out.ply {options} --threads 1"), 0);
@@ -145,8 +140,7 @@ fn threads_memory_and_an_earlier_run_do_not_show() {
 
 #[test]
 fn what_vertices_carry_follows_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let (vertices, triangles) = spheres(2, 0.05);
     std::fs::write(at.join("in.ply"), ply(&vertices, &triangles)).unwrap();
     expect(
@@ -174,8 +168,7 @@ fn refused(at: &Path, options: &str, code: i32, word: &str) {
 
 #[test]
 fn what_does_not_go_with_it_is_refused_before_any_work() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 40k", 0);
     for (options, word) in [
         ("--ratio 10% --method cluster", "--pairs"),

@@ -1,8 +1,6 @@
 //! Progressive meshes: every count is that of a direct run, files are read as far as needed, damaged ones are refused.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{check, count, expect, json, one_in, rms, run};
+use crate::common::{check, count, expect, json, one_in, rms, run, scratch};
 use std::path::Path;
 use stonecut::progressive::Refiner;
 use xxhash_rust::xxh3::xxh3_64;
@@ -73,8 +71,7 @@ fn attributes_and_changes_of_the_topology_are_taken_back_byte_for_byte() {
 
 #[test]
 fn both_ends_and_what_lies_beyond_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     expect(folder, "synth statue in.ply --triangles 8000", 0);
     record(folder, "in.ply", 1000, "base", "");
     let n = count(&check(folder, "in.ply"), "triangles");
@@ -97,8 +94,7 @@ fn both_ends_and_what_lies_beyond_them() {
 
 #[test]
 fn an_interrupted_run_continues_with_the_same_record() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     expect(folder, "synth statue in.ply --triangles 8000", 0);
     record(folder, "in.ply", 1000, "whole", "--cell-triangles 1000");
     let line =
@@ -115,8 +111,7 @@ fn an_interrupted_run_continues_with_the_same_record() {
 
 #[test]
 fn what_is_not_a_collapse_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     expect(folder, "synth statue in.ply --triangles 2000", 0);
     let base = "simplify in.ply out.ply --progressive out.pm";
     for options in [
@@ -149,8 +144,7 @@ fn blocks(bytes: &[u8]) -> Vec<(usize, u32)> {
 
 #[test]
 fn a_prefix_is_a_mesh_and_what_is_missing_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     expect(folder, "synth statue in.ply --triangles 90000", 0);
     for options in ["", "--progressive-bits 16"] {
         record(folder, "in.ply", 1000, "base", options);
@@ -179,8 +173,7 @@ fn a_prefix_is_a_mesh_and_what_is_missing_is_named() {
 
 #[test]
 fn compact_files_hold_the_same_surface_within_their_steps() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     expect(folder, "synth scans in.ply --triangles 30000", 0);
     record(folder, "in.ply", 1000, "exact", "");
     record(folder, "in.ply", 1000, "compact", "--progressive-bits 16");
@@ -210,8 +203,7 @@ fn compact_files_hold_the_same_surface_within_their_steps() {
 /// The eye looks at one side of a closed surface: there the mesh is fine, and nowhere does it have a crack.
 #[test]
 fn a_mesh_for_an_eye_is_fine_where_it_looks_and_has_no_cracks() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     for (kind, options) in [("statue", ""), ("gyroid", ""), ("statue", "--progressive-bits 16")] {
         expect(folder, &format!("synth {kind} in.ply --triangles 30000 --force"), 0);
         record(folder, "in.ply", 500, "base", options);
@@ -247,8 +239,7 @@ fn a_mesh_for_an_eye_is_fine_where_it_looks_and_has_no_cracks() {
 /// Any byte of a file may be another one: every answer is a mesh or an error about the input.
 #[test]
 fn flipped_bytes_never_panic() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     expect(folder, "synth gyroid in.ply --triangles 3000", 0);
     for options in ["", "--progressive-bits 12"] {
         record(folder, "in.ply", 100, "base", options);

@@ -1,14 +1,11 @@
 //! `simplify --method retile` end to end: counts, angles, topology, attributes, bytes, refusals.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::meshes::{ply_text, sheet_triangles};
-use crate::common::{check, count, expect, report, rms};
+use crate::common::{check, count, expect, report, rms, scratch};
 
 #[test]
 fn triangles_are_even_and_meet_the_count_on_a_surface_that_stays_one() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for (kind, genus_kept) in [("statue", true), ("terrain", true), ("gyroid", false)] {
         expect(at, &format!("synth {kind} in.ply --triangles 60k --force"), 0);
         let before = check(at, "in.ply");
@@ -41,8 +38,7 @@ fn triangles_are_even_and_meet_the_count_on_a_surface_that_stays_one() {
 /// A surface of tubes that are thinner than an edge of the result: the run ends, and what is left is a surface.
 #[test]
 fn tubes_thinner_than_an_edge_come_apart() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth gyroid in.ply --triangles 60k", 0);
     for target in [1_000, 300] {
         let options = format!("--triangles {target} --force --report r.json");
@@ -57,8 +53,7 @@ fn tubes_thinner_than_an_edge_come_apart() {
 /// A cube of 12 triangles is cut as finely as its clusters need it; corners and edges stay within a part of an edge.
 #[test]
 fn large_triangles_are_cut_first() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let corner = |i: u32| format!("v {} {} {}\n", i & 1, i >> 1 & 1, i >> 2);
     let mut text: String = (0..8).map(corner).collect();
     for [a, b, c, d] in
@@ -75,8 +70,7 @@ fn large_triangles_are_cut_first() {
 
 #[test]
 fn colours_are_means_and_labels_those_of_a_vertex() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let n = 60u32;
     let rows = (0..(n + 1) * (n + 1)).map(|v| {
         let (x, y) = (v % (n + 1), v / (n + 1));
@@ -123,8 +117,7 @@ fn colours_are_means_and_labels_those_of_a_vertex() {
 
 #[test]
 fn gradation_makes_bent_places_finer() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 60k", 0);
     let run = |options: &str| {
         let line = "simplify in.ply out.ply --method retile --triangles 3k --force --report r.json";
@@ -139,8 +132,7 @@ fn gradation_makes_bent_places_finer() {
 
 #[test]
 fn bytes_are_the_same_for_any_threads_and_memory_and_too_little_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth scans in.ply --triangles 60k", 0);
     let simplify = "simplify in.ply out.ply --method retile --ratio 10% --force";
     let mesh = |options: &str| {

@@ -1,8 +1,6 @@
 //! The main job from the outside: cells, stages, determinism, bad input.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{check, count, expect, real_scan, rms, run};
+use crate::common::{check, count, expect, real_scan, rms, run, scratch};
 use std::path::Path;
 
 fn folder_with(kind: &str, triangles: &str) -> tempfile::TempDir {
@@ -291,8 +289,7 @@ fn bad_input_is_named_by_element_row_and_byte() {
 
 #[test]
 fn what_is_no_mesh_is_refused_as_such() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     std::fs::write(out.join("empty.ply"), b"").unwrap();
     std::fs::write(out.join("text.ply"), b"hello, world").unwrap();
     for name in ["empty.ply", "text.ply"] {
@@ -331,8 +328,7 @@ fn outputs_and_budgets_that_cannot_be_are_refused_before_work() {
 
 #[test]
 fn coordinates_comments_and_properties_come_through() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
+    let out = &scratch();
     expect(out, "synth scans in.ply --triangles 60k", 0);
     expect(out, "simplify in.ply o.ply --ratio 100% --cell-triangles 10k", 0);
     let (before, after) = (check(out, "in.ply"), check(out, "o.ply"));

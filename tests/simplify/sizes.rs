@@ -1,8 +1,6 @@
 //! Coordinates beyond those of floats: a result, or a refusal that says what helps, whatever was asked for.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{run, write_ply};
+use crate::common::{run, scratch, write_ply};
 use std::path::Path;
 use stonecut::mesh::property::Scalar;
 
@@ -26,8 +24,7 @@ fn write_sheet(path: &Path, side: u32, width: f64) {
 
 #[test]
 fn sizes_beyond_floats_end_with_a_result_or_with_what_helps() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for power in [-160, -60, 40, 76, 160] {
         let width = 10f64.powi(power);
         write_sheet(&at.join("in.ply"), 24, width);

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stderr)] // A test fails by panicking, and says when it is skipped.
 
-use crate::common::expect;
+use crate::common::{expect, scratch};
 use std::path::Path;
 use std::process::Command;
 use stonecut::progressive::{Refiner, slides};
@@ -190,8 +190,7 @@ fn refined(pm: &Path, n: usize, bytes: &[u8]) -> Vec<Placed> {
 
 #[test]
 fn the_page_has_every_mesh_of_the_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     for (kind, n, low, options) in [
         ("statue", 8_000, 300, ""),
         ("terrain", 8_000, 300, "--progressive-bits 12"),
@@ -296,8 +295,7 @@ console.log(JSON.stringify([up, down, glided]));
 
 #[test]
 fn the_page_is_whole_by_itself() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 6000 -q", 0);
     expect(at, "simplify in.ply o.ply --triangles 300 --progressive o.pm -q", 0);
     expect(at, "refine o.pm --page o.html", 0);

@@ -1,8 +1,6 @@
 //! Results that are printed or computed with: holes filled, sheets turned one way, nothing through itself.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{check, count, expect, meshes, report, run, write_ply};
+use crate::common::{check, count, expect, meshes, report, run, scratch, write_ply};
 use std::collections::BTreeSet;
 use stonecut::kernel::{Options, Stop, simplify_mesh};
 use stonecut::measure::intersections::in_memory;
@@ -95,8 +93,7 @@ fn holed(every: u32) -> Mesh {
 
 #[test]
 fn holes_are_filled_through_cells_and_large_ones_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let mesh = holed(97);
     write_ply(&at.join("in.ply"), Scalar::F32, &mesh.positions, &mesh.triangles);
     assert!(count(&check(at, "in.ply"), "boundary_edges") > 300);
@@ -124,8 +121,7 @@ fn holes_are_filled_through_cells_and_large_ones_named() {
 
 #[test]
 fn for_print_stands_for_its_options() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let mut mesh = holed(89);
     // A speck.
     let n = mesh.positions.len() as u32;

@@ -1,9 +1,7 @@
 //! Verdicts on results: a clean one is never called short, a ruin always is.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::meshes::halves;
-use crate::common::{expect, report, run, write_ply};
+use crate::common::{expect, report, run, scratch, write_ply};
 use stonecut::mesh::property::Scalar;
 
 #[test]
@@ -51,8 +49,7 @@ fn ten_triangles_stand_for_no_ring() {
 
 #[test]
 fn a_run_that_was_continued_reports_all_of_its_time_and_disk() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     expect(at, "synth statue in.ply --triangles 60k --seed 3", 0);
     let command = "simplify in.ply out.ply --ratio 5% --cell-triangles 4k --report r.json";
     expect(at, command, 0);

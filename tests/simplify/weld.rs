@@ -1,8 +1,6 @@
 //! Copies of vertices within rounding become one before everything else.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{check, count, expect, json, write_ply};
+use crate::common::{check, count, expect, json, scratch, write_ply};
 use std::collections::HashMap;
 use std::path::Path;
 use stonecut::mesh::property::Scalar;
@@ -120,8 +118,7 @@ fn a_soup_of_near_copies_comes_out_closed() {
 
 #[test]
 fn cells_threads_and_memory_change_nothing() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     write(at, &soup(&sphere(5), 2e-7), Scalar::F64);
     let options = "--ratio 10% --cell-triangles 1k --report r.json";
     expect(at, &format!("simplify in.ply a.ply {options} --threads 1 --memory 64MiB"), 0);
@@ -164,8 +161,7 @@ fn patches_with_borders_that_nearly_agree_are_joined() {
 
 #[test]
 fn beyond_rounding_a_distance_is_named_and_joins() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     write(at, &soup(&sphere(4), 1e-4), Scalar::F64);
     let said =
         String::from_utf8(crate::common::run(at, "simplify in.ply out.ply --ratio 50%").stderr)
@@ -186,8 +182,7 @@ fn beyond_rounding_a_distance_is_named_and_joins() {
 
 #[test]
 fn colours_of_copies_are_averaged_and_faces_keep_what_they_have() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let mesh = soup(&sphere(3), 2e-7);
     let mut text = format!(
         "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\n\
@@ -223,8 +218,7 @@ fn colours_of_copies_are_averaged_and_faces_keep_what_they_have() {
 
 #[test]
 fn a_clean_mesh_is_left_as_it_is() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     write(at, &sphere(4), Scalar::F32);
     expect(at, "simplify in.ply a.ply --ratio 10%", 0);
     expect(at, "simplify in.ply b.ply --ratio 10% --weld off", 0);
@@ -238,8 +232,7 @@ fn a_clean_mesh_is_left_as_it_is() {
 
 #[test]
 fn convert_joins_copies_where_that_is_asked_for() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     write(at, &soup(&sphere(3), 2e-7), Scalar::F64);
     expect(at, "convert in.ply as_it_is.ply", 0);
     assert_eq!(count(&check(at, "as_it_is.ply"), "components"), 1280);
@@ -284,8 +277,7 @@ fn arrays_of_loose_triangles_come_out_closed() {
 
 #[test]
 fn copies_in_rounded_text_are_joined_or_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let (points, triangles) = soup(&sphere(4), 2e-7);
     let mut options = "--ratio 10%".to_owned();
     for digits in [6, 4] {

@@ -1,9 +1,7 @@
 //! Pictures of textured meshes, and their likeness: colours at the places that perspective gives them, small sizes of images
 //! far away, holes, the same bytes however it is done; figures that are known.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::expect;
+use crate::common::{expect, scratch};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use serde_json::Value;
 use std::path::Path;
@@ -54,8 +52,7 @@ fn project(p: [f64; 3], to_viewer: [f64; 3], radius: f64, side: f64) -> [f64; 2]
 
 #[test]
 fn fields_of_a_board_are_where_perspective_puts_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     board(folder);
     quad(folder, "q", 1.0, "Kd 1 1 1\nmap_Kd board.png");
     let arguments = "--view 0.3,-1,0.6 --zoom 0,0,0,1.5 --size 600x600 --unlit";
@@ -88,8 +85,7 @@ fn fields_of_a_board_are_where_perspective_puts_them() {
 
 #[test]
 fn far_away_a_board_is_grey_in_linear_light() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     board(folder);
     // 128 boards a side on 100 pixels: 10 fields a pixel, 55 texels from sample to sample.
     quad(folder, "q", 128.0, "Kd 1 1 1\nmap_Kd board.png");
@@ -117,8 +113,7 @@ fn far_away_a_board_is_grey_in_linear_light() {
 
 #[test]
 fn what_lies_behind_the_holes_of_an_image_is_seen() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let fence = RgbaImage::from_fn(64, 64, |x, _| match x / 16 % 2 {
         0 => Rgba([255, 0, 0, 255]),
         _ => Rgba([0, 255, 0, 0]),
@@ -141,8 +136,7 @@ fn what_lies_behind_the_holes_of_an_image_is_seen() {
 
 #[test]
 fn an_image_that_is_missing_or_damaged_is_a_warning() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     quad(folder, "q", 1.0, "Kd 0 0 1\nmap_Kd board.png");
     let arguments =
         "render q.obj -o p.png --view top --zoom 0,0,0,1 --size 100x100 --unlit --force";
@@ -167,8 +161,7 @@ fn appearance(folder: &Path, arguments: &str) -> Value {
 
 #[test]
 fn likeness_is_that_of_the_colours() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     for (name, value) in [("a", 100u8), ("b", 120)] {
         RgbImage::from_pixel(8, 8, Rgb([value; 3]))
             .save(folder.join(format!("{name}.png")))

@@ -1,9 +1,7 @@
 //! New textures for results: colours in the right places, nothing between charts, the same bytes however it is done.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::meshes::{halves, ply_text, squares};
-use crate::common::{expect, run};
+use crate::common::{expect, run, scratch};
 use image::{Rgb, RgbImage};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -139,8 +137,7 @@ fn cube(folder: &Path) {
 /// mixed by a graphics card; and every side shows its own squares.
 #[test]
 fn nothing_bleeds_from_chart_to_chart() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     cube(folder);
     let said = expect(folder, "simplify cube.obj out.obj --ratio 5% --texture bake", 0);
     assert!(said.contains("charts on 1 pages"), "{said}");
@@ -196,8 +193,7 @@ fn nothing_bleeds_from_chart_to_chart() {
 /// were asked for.
 #[test]
 fn the_shape_is_that_of_a_mesh_without_texture() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     expect(folder, "synth rooms rooms.obj --triangles 60k", 0);
     for triangles in [6000, 600] {
         let to = format!("--triangles {triangles} -q --force --cell-triangles 10000");
@@ -238,8 +234,7 @@ pub(super) fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 /// Threads, memory and a stop before the bake change no byte; pages that do not do are several.
 #[test]
 fn bytes_depend_on_the_question_alone() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     expect(folder, "synth rooms rooms.obj --triangles 40k", 0);
     for kind in ["obj", "glb"] {
         let simplify = |to: &str, how: &str| {
@@ -324,8 +319,7 @@ const WITH_IMAGE: &str = "newmtl only\nKd 1 1 1\nmap_Kd image.png\n";
 
 #[test]
 fn colours_are_those_of_the_nearest_place_and_images_repeat() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     let image = RgbImage::from_fn(128, 64, |x, y| {
         // Smooth where it repeats, so that no colour depends on half a pixel.
         let wave = 127.5 + 100.0 * (f64::from(x) / 128.0 * std::f64::consts::TAU).sin();
@@ -345,8 +339,7 @@ fn colours_are_those_of_the_nearest_place_and_images_repeat() {
 
 #[test]
 fn what_cannot_be_used_is_said_and_the_material_stands_for_it() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     let plain = |x: f64, y: f64| format!("{x} {y}");
     let library = "newmtl only\nKd 0.2 0.6 1\nmap_Kd image.png\n";
     let is_kd = |name: &str| {
@@ -403,8 +396,7 @@ fn what_cannot_be_used_is_said_and_the_material_stands_for_it() {
 
 #[test]
 fn the_ratio_decides_unless_it_is_said() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     let image = RgbImage::from_fn(64, 64, |x, y| Rgb([4 * x as u8, 4 * y as u8, 99]));
     image.save(folder.join("image.png")).unwrap();
     sheet(folder, |x, y| format!("{x} {y}"), WITH_IMAGE);
@@ -445,8 +437,7 @@ fn the_ratio_decides_unless_it_is_said() {
 /// Fewer pages than the input's density takes lower the density until they do, and no further than needed.
 #[test]
 fn pages_that_are_allowed_are_used() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     expect(folder, "synth rooms rooms.obj --triangles 20k", 0);
     let found = |how: &str| {
         let what =
@@ -481,8 +472,7 @@ fn pages_that_are_allowed_are_used() {
 /// A sheet of points with colours and no texture: the colours become one.
 #[test]
 fn colours_of_vertices_are_baked() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     let n = 40;
     let rows: Vec<String> = squares(n + 1, n + 1)
         .map(|(j, i)| (i, (i as f64).sin() * 0.01, j))

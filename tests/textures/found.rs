@@ -1,8 +1,6 @@
 //! Images of meshes that come from other machines: found all the same, with a line, or missed with exit 3.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::expect;
+use crate::common::{expect, scratch};
 use image::{Rgb, RgbImage};
 use std::path::Path;
 
@@ -144,8 +142,7 @@ fn names_of_images_in_ply_are_read_in_every_form() {
 
 #[test]
 fn exr_is_decoded_for_colours() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     let light = image::Rgb32FImage::from_pixel(4, 4, Rgb([1.0, 0.215_86, 0.0]));
     image::DynamicImage::ImageRgb32F(light).save(folder.join("tex.exr")).unwrap();
     std::fs::write(folder.join("in.obj"), OBJ).unwrap();

@@ -1,8 +1,6 @@
 //! Textured meshes in and out: materials, images and coordinates through every pair of formats.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, run};
+use crate::common::{expect, run, scratch};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use stonecut::io::StageOptions;
@@ -140,8 +138,7 @@ fn assert_right(obj: &Obj, tolerance: f64) {
 
 #[test]
 fn an_obj_comes_out_in_groups_with_its_images_and_its_own_library() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     scan(folder);
     std::fs::create_dir(folder.join("out")).unwrap();
     for command in [
@@ -193,8 +190,7 @@ fn an_obj_comes_out_in_groups_with_its_images_and_its_own_library() {
 
 #[test]
 fn nothing_changes_on_the_way_through_all_formats() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     scan(folder);
     let names = ["a.glb", "b.ply", "c.obj", "d.ply", "e.glb", "f.glb", "g.obj"];
     let mut before = "scan/scan.obj";
@@ -239,8 +235,7 @@ fn nothing_changes_on_the_way_through_all_formats() {
 
 #[test]
 fn images_that_cannot_be_used_are_named_and_nothing_fails() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let mut cut = png(64, 64, "cut");
     cut.truncate(34);
     std::fs::write(folder.join("huge.png"), png(100_000, 100_000, "")).unwrap();
@@ -286,8 +281,7 @@ fn images_that_cannot_be_used_are_named_and_nothing_fails() {
 
 #[test]
 fn files_of_others_beside_the_output_stay() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     scan(folder);
     std::fs::write(folder.join("out.mtl"), "newmtl mine\n").unwrap();
     let said = expect(folder, "convert scan/scan.obj out.obj --textures link", 2);
@@ -315,8 +309,7 @@ fn files_of_others_beside_the_output_stay() {
 
 #[test]
 fn a_stopped_run_ends_with_the_same_files() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     scan(folder);
     for name in ["first", "twice"] {
         std::fs::create_dir(folder.join(name)).unwrap();
@@ -393,8 +386,7 @@ fn gltf() -> String {
 
 #[test]
 fn gltf_is_read_with_its_places_and_its_coordinates() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     std::fs::write(folder.join("in.gltf"), gltf()).unwrap();
     std::fs::write(folder.join("be side.png"), png(8, 8, "beside")).unwrap();
     let said = expect(folder, "convert in.gltf out.obj", 0);

@@ -1,8 +1,6 @@
 //! Images in KTX2 files (`KHR_texture_basisu`): looked up as all others, and carried from GLB to GLB.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, glb_json};
+use crate::common::{expect, glb_json, scratch};
 use basis_universal::{BasisTextureFormat, Compressor, CompressorParams};
 use serde_json::json;
 use std::path::Path;
@@ -122,8 +120,7 @@ fn halves(folder: &Path, mesh: &str) -> [[u8; 3]; 2] {
 
 #[test]
 fn basis_universal_is_looked_up_and_carried() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     for (is_etc1s, packs) in [(false, false), (false, true), (true, false)] {
         let format =
             if is_etc1s { BasisTextureFormat::ETC1S } else { BasisTextureFormat::UASTC4x4 };
@@ -146,8 +143,7 @@ fn basis_universal_is_looked_up_and_carried() {
 
 #[test]
 fn damaged_images_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let whole = converted(&basis(BasisTextureFormat::ETC1S), true, false);
     for n in [60, 110, whole.len() - 20] {
         square(folder, &whole[..n]);

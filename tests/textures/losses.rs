@@ -1,9 +1,7 @@
 //! Parts that an output, a new texture or a picture has no place for: each is named.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use super::bake::sheet;
-use crate::common::expect;
+use crate::common::{expect, scratch};
 use image::{Rgba, RgbaImage};
 use std::path::Path;
 
@@ -20,8 +18,7 @@ fn image(folder: &Path) {
 
 #[test]
 fn lines_of_obj_without_a_place_are_named() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
     let more = "vn 0 0 1\nl 1 2\np 1\no first\ng second\nvp 0.5\n";
     std::fs::write(folder.join("plain.obj"), format!("o only\n{triangle}")).unwrap();
@@ -48,8 +45,7 @@ fn lines_of_obj_without_a_place_are_named() {
 
 #[test]
 fn colours_that_pages_do_not_hold_are_named() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     image(folder);
     let library = "newmtl only\nKd 1 1 1\nKa 0.2 0 0\nKs 0.5 0.5 0.5\nKe 1 0 0\nTf 0.5 1 1\nillum 2\n\
                    map_Kd image.png\nmap_Ks image.png\nnorm image.png\n";
@@ -69,8 +65,7 @@ fn colours_that_pages_do_not_hold_are_named() {
 
 #[test]
 fn pictures_name_the_looks_that_they_lack() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     image(folder);
     sheet(folder, |x, y| format!("{x} {y}"), "newmtl only\nd 0.5\nmap_Kd image.png\n");
     let picture =
@@ -90,8 +85,7 @@ fn pictures_name_the_looks_that_they_lack() {
 
 #[test]
 fn coordinates_and_images_that_are_not_whole_are_named() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     let image = image::RgbImage::from_fn(128, 128, |x, y| {
         image::Rgb([(x * y) as u8, (7 * x) as u8, y as u8])
     });
@@ -112,8 +106,7 @@ fn coordinates_and_images_that_are_not_whole_are_named() {
 
 #[test]
 fn coordinates_of_faces_that_are_not_finite_are_named() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     let text = "ply\nformat ascii 1.0\ncomment TextureFile a.png\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
                 element face 4\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\nend_header\n\
                 0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2 6 nan 0 1 0 0 1\n3 0 3 1 6 0 0 1 0 0 1\n3 0 2 3 6 0 0 1 0 0 1\n\
@@ -136,8 +129,7 @@ fn ktx2_that_is_not_made_is_refused_with_the_way_out() {
 
 #[test]
 fn libraries_that_name_themselves_end() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     let cyclic = "mtllib sheet.mtl\nmtllib sheet.obj\nnewmtl only\nmap_Kd sheet.mtl\n";
     sheet(folder, |x, y| format!("{x} {y}"), cyclic);
     let said = expect(folder, "convert sheet.obj out.glb", 3);
@@ -151,8 +143,7 @@ fn libraries_that_name_themselves_end() {
 /// A TGA file has nothing at its beginning that tells it.
 #[test]
 fn a_glb_without_any_image_ends_with_3() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     image::RgbImage::new(4, 4).save(at.join("a.bmp")).unwrap();
     std::fs::write(at.join("a.mtl"), "newmtl m\nmap_Kd a.bmp\n").unwrap();
     let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
@@ -164,8 +155,7 @@ fn a_glb_without_any_image_ends_with_3() {
 
 #[test]
 fn images_in_tga_are_decoded() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     // Uncompressed, 2 x 2, 24 bits: blue, green, red.
     let mut image = vec![0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2, 0, 2, 0, 24, 0];
     image.extend([10u8, 20, 230].repeat(4));

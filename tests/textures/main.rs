@@ -1,5 +1,7 @@
 //! Textured meshes: kept, baked, drawn and compared.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 #[path = "../common/mod.rs"]
 mod common;
 

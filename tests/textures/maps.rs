@@ -1,9 +1,7 @@
 //! Maps of the input besides its colours are baked like these: directions, emitted light, roughness, metal, shade.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::bake::{look_up, points_of, sheet};
-use crate::common::{expect, glb_json};
+use crate::common::{expect, glb_json, scratch};
 use crate::normals::{degrees_between, directions, dot, read, unit};
 use base64::Engine;
 use image::{Luma, Rgb, RgbImage};
@@ -55,8 +53,7 @@ fn maps_besides_colour_are_baked() {
     for (name, uv) in
         [("turned", (|x, y| [y, 1.0 - x]) as fn(f64, f64) -> [f64; 2]), ("mirrored", |x, y| [y, x])]
     {
-        let dir = tempfile::tempdir().unwrap();
-        let folder = dir.path();
+        let folder = &scratch();
         images(folder);
         let text = |x: f64, y: f64| {
             let [u, v] = uv(x, y);
@@ -132,8 +129,7 @@ fn maps_besides_colour_are_baked() {
 /// Two squares of glTF: one has an image of shade, both have the same one of roughness and metal, of another factor.
 #[test]
 fn shade_and_factors_of_gltf_are_baked() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     let shade = RgbImage::from_pixel(8, 8, Rgb([100, 7, 9]));
     shade.save(folder.join("shade.png")).unwrap();
     RgbImage::from_pixel(4, 4, Rgb([0, 200, 50])).save(folder.join("surface.png")).unwrap();

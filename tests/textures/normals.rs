@@ -1,11 +1,9 @@
 //! Normal maps of results: the directions of the original, in the frames that viewers have, the same bytes however it is
 //! done; pictures that are nearer to the original.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::bake::{files, look_up, points_of};
 use crate::common::meshes::{halves, ply_text, squares};
-use crate::common::{check, expect};
+use crate::common::{check, expect, scratch};
 use image::{Rgb, RgbImage};
 use std::path::Path;
 
@@ -91,8 +89,7 @@ pub(super) fn directions(faces: &[[Corner; 3]], map: &RgbImage) -> Vec<(Vector, 
 
 #[test]
 fn the_map_of_a_plane_is_straight() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     sheet(&folder.join("flat.ply"), 30, |x, y| 0.25 * x - 0.5 * y);
     expect(folder, "simplify flat.ply flat.obj --triangles 20 --bake-normals -q", 0);
     let (faces, map) = read(folder, "flat");
@@ -108,8 +105,7 @@ fn the_map_of_a_plane_is_straight() {
 fn waves_come_back_with_their_normals() {
     let (high, k) = (0.004, 40.0);
     for (name, turned) in [("waves", 1.0), ("below", -1.0)] {
-        let dir = tempfile::tempdir().unwrap();
-        let folder = dir.path();
+        let folder = &scratch();
         let z = |x: f64, y: f64| 3.0 + high * ((k * x).sin() + (0.7 * k * y).cos());
         // A mirrored sheet has its front below.
         sheet(&folder.join("waves.ply"), 160, |x, y| turned * z(x, y));
@@ -148,8 +144,7 @@ fn waves_come_back_with_their_normals() {
 /// Normals of the input's vertices are taken where it has them.
 #[test]
 fn the_input_s_own_normals_count() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     sheet(&folder.join("flat.ply"), 24, |_, _| 0.0);
     let text = std::fs::read_to_string(folder.join("flat.ply")).unwrap();
     let names = "property float nx\nproperty float ny\nproperty float nz\nelement face";
@@ -173,8 +168,7 @@ fn the_input_s_own_normals_count() {
 /// Threads, memory and a stop change no byte, with images and without; the GLB is sound, and its tangents are.
 #[test]
 fn bytes_depend_on_the_question_alone() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     expect(folder, "synth rooms rooms.obj --triangles 40k", 0);
     expect(folder, "synth statue statue.ply --triangles 40k", 0);
     for (input, output) in [("rooms.obj", "o.obj"), ("statue.ply", "o.glb"), ("rooms.obj", "o.glb")]
@@ -242,8 +236,7 @@ fn frames_are_sound(path: &Path) {
 
 #[test]
 fn a_picture_with_the_map_is_nearer_to_the_original() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     expect(folder, "synth statue statue.ply --triangles 200k", 0);
     let psnr = |output: &str, how: &str| {
         expect(folder, &format!("simplify statue.ply {output} --ratio 1% -q {how}"), 0);
@@ -263,8 +256,7 @@ fn a_picture_with_the_map_is_nearer_to_the_original() {
 
 #[test]
 fn what_cannot_hold_a_map_is_refused_first() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     sheet(&folder.join("flat.ply"), 10, |_, _| 0.0);
     for (how, word) in [
         ("o.ply --ratio 5%", "PLY has no place"),

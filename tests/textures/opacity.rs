@@ -1,9 +1,7 @@
 //! Opacity of images: it counts where the material says so, and of glTF without `alphaMode` it does not.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use super::bake::sheet;
-use crate::common::expect;
+use crate::common::{expect, scratch};
 use base64::Engine;
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use serde_json::{Value, json};
@@ -88,8 +86,7 @@ fn document(path: &Path) -> Value {
 
 #[test]
 fn opacity_means_nothing_in_gltf_that_does_not_name_it() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     two_quads(folder);
     // Large, and so small that an image of few texels is looked up.
     for size in [200, 16] {
@@ -105,8 +102,7 @@ fn opacity_means_nothing_in_gltf_that_does_not_name_it() {
 
 #[test]
 fn opaque_materials_are_written_as_such() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     two_quads(folder);
     expect(folder, "convert quads.gltf out.glb", 0);
     let materials = document(&folder.join("out.glb"))["materials"].clone();
@@ -125,8 +121,7 @@ fn opaque_materials_are_written_as_such() {
 
 #[test]
 fn a_new_texture_of_opaque_materials_is_opaque() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     let clear = RgbaImage::from_fn(64, 64, |x, _| Rgba([0, 90, 200, 4 * x as u8]));
     clear.save(folder.join("clear.png")).unwrap();
     sheet(folder, |x, y| format!("{x} {y}"), "newmtl only\nKd 1 1 1\nmap_Kd clear.png\n");
@@ -147,8 +142,7 @@ fn a_new_texture_of_opaque_materials_is_opaque() {
 /// An image of opacity that is the colour image itself: its opacity counts, not its brightness.
 #[test]
 fn dark_texels_of_a_leaf_are_there() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     leaf(folder);
     let library = "newmtl only\nKd 1 1 1\nmap_Kd leaf.png\nmap_d leaf.png\n";
     sheet(folder, |x, y| format!("{x} {y}"), library);

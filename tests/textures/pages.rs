@@ -1,8 +1,6 @@
 //! Pages of new textures: any number of any size has a result, filled well; the plan says what they take.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::expect;
+use crate::common::{expect, scratch};
 use std::path::Path;
 
 fn report(folder: &Path, how: &str) -> serde_json::Value {
@@ -16,8 +14,7 @@ fn report(folder: &Path, how: &str) -> serde_json::Value {
 
 #[test]
 fn every_number_of_pages_of_every_size_has_a_result() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     expect(folder, "synth rooms rooms.obj --triangles 20k", 0);
     let mut densities = Vec::new();
     for (pages, size) in [(1, 64), (1, 300), (2, 512), (1, 1024)] {
@@ -49,8 +46,7 @@ fn count(line: &str, before: &str) -> f64 {
 
 #[test]
 fn the_plan_names_texels_and_memory() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
+    let folder = &scratch();
     expect(folder, "synth rooms rooms.obj --triangles 20k", 0);
     let said = expect(folder, "simplify rooms.obj o.glb --ratio 10% --texture bake --dry-run", 0);
     let line = said.lines().find(|line| line.starts_with("texture ")).unwrap_or(&said);

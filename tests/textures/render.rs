@@ -1,8 +1,6 @@
 //! The promises of `render`: what is in front is seen, streams give the picture of the mesh in memory,
 //! nothing depends on threads or memory, and no input makes it panic.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use stonecut::Mesh;
 use stonecut::io::OutputFormat;
 use stonecut::io::ply::MeshSource;

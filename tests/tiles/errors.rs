@@ -1,7 +1,5 @@
 //! Stated errors: of levels and of tiles, against distances that are looked for.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::{check, count, json};
 use crate::tiles::{files, statue};
 use serde_json::Value;

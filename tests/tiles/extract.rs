@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, json};
+use crate::common::{check, count, expect, json, scratch};
 use serde_json::Value;
 use std::path::Path;
 
@@ -131,8 +131,7 @@ fn distances_are_kept() {
 
 #[test]
 fn colours_come_along() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &scratch();
     expect(path, "synth scans in.ply --triangles 30k", 0);
     expect(path, "tiles in.ply out --tile-triangles 900", 0);
     expect(path, "extract out all.ply --max-error 0", 0);

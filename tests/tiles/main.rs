@@ -1,5 +1,7 @@
 //! Trees of tiles and what is extracted from them.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 #[path = "../common/mod.rs"]
 mod common;
 

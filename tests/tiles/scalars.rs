@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, json};
+use crate::common::{check, count, expect, json, scratch};
 use crate::tiles::{change, change_tile, expect_fault, files};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -248,8 +248,7 @@ fn attributes_have_the_form_that_gltf_asks_for() {
 
 #[test]
 fn numbers_that_gltf_does_not_have_are_counted() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &scratch();
     sheet(&path.join("in.ply"), |id, name, value| match (id, name) {
         (5, "quality") => f64::NAN,
         (7, "gps-time") => f64::NEG_INFINITY,

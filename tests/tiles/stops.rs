@@ -1,7 +1,5 @@
 //! Runs of `tiles` that are killed, lose power, meet a full disk or another run: the same bytes afterwards.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::volume::Volume;
 use crate::common::{expect, signal, stonecut};
 use crate::tiles::{config, files, make, painted};

@@ -1,8 +1,6 @@
 //! Tiles of textured scans: a page for each tile, with the colours of the images in their places.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{check, count, expect, json};
+use crate::common::{check, count, expect, json, scratch};
 use crate::scalars::document;
 use crate::tiles::{check_colours, config, files, painted};
 use std::os::unix::fs::MetadataExt;
@@ -50,8 +48,7 @@ fn each_middle(bytes: &[u8], origin: [f64; 3], mut each: impl FnMut([f64; 3], [u
 
 #[test]
 fn every_tile_shows_the_images_at_their_places() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &scratch();
     painted(path, 120);
     for options in ["", "--compress none --up y"] {
         expect(
@@ -95,8 +92,7 @@ fn every_tile_shows_the_images_at_their_places() {
 
 #[test]
 fn cuts_through_tiles_with_pages_are_one_mesh() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &scratch();
     painted(path, 120);
     expect(path, "tiles in.obj out --tile-triangles 900", 0);
     // The finest level, one in the middle, a fine box in a coarse mesh, and a number of triangles. The farther vertices are
@@ -124,8 +120,7 @@ fn cuts_through_tiles_with_pages_are_one_mesh() {
 
 #[test]
 fn pages_are_the_same_for_any_threads_and_memory() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &scratch();
     painted(path, 120);
     let cut = |name: &str, options: &str| {
         expect(path, &format!("tiles in.obj {name} --tile-triangles 900 {options}"), 0);
@@ -136,8 +131,7 @@ fn pages_are_the_same_for_any_threads_and_memory() {
 
 #[test]
 fn tiles_are_no_coarser_on_the_screen_than_their_pages() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &scratch();
     painted(path, 120);
     expect(path, "tiles in.obj out --tile-triangles 900", 0);
     let set = json(path, "out/tileset.json");
@@ -150,8 +144,7 @@ fn tiles_are_no_coarser_on_the_screen_than_their_pages() {
 
 #[test]
 fn a_page_that_is_damaged_is_found() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &scratch();
     painted(path, 60);
     expect(path, "tiles in.obj out --tile-triangles 900", 0);
     let tile = path.join("out/tiles/0/0/0-0.glb");
@@ -179,8 +172,7 @@ fn check_faults(folder: &Path) -> String {
 
 #[test]
 fn pages_are_asked_for_only_where_there_are_images() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &scratch();
     expect(path, "synth scans in.ply --triangles 5k", 0);
     let said = expect(path, "tiles in.ply out --texture bake", 2);
     assert!(said.contains("no image"), "{said}");

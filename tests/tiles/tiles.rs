@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, json, run, write_ply};
+use crate::common::{check, count, expect, json, run, scratch, write_ply};
 use crate::errors::{level, sampled};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -96,8 +96,7 @@ fn a_mesh_of_one_tile_is_a_tree_of_one_tile() {
 /// Repeated faces are dropped when cells are loaded: the leaves sum to what is left, and the report has the number.
 #[test]
 fn repeated_faces_are_dropped_and_counted() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let side = 60;
     let place = |i: u32| [f64::from(i % side), f64::from(i / side), f64::from(i * i % 7) / 20.0];
     let positions: Vec<[f64; 3]> = (0..side * side).map(place).collect();
@@ -128,8 +127,7 @@ fn repeated_faces_are_dropped_and_counted() {
 /// One triangle a million times farther away than the mesh is wide: places in tiles would be coarser than its triangles.
 #[test]
 fn a_mesh_that_tiles_cannot_hold_is_refused_before_the_work() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let side = 30;
     let place = |i: u32| [f64::from(i % side), f64::from(i / side), f64::from(i * i % 7) / 20.0];
     let mut positions: Vec<[f64; 3]> = (0..side * side).map(place).collect();
@@ -238,8 +236,7 @@ pub fn painted(folder: &Path, n: u32) {
 
 #[test]
 fn vertices_get_their_colours_from_images() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &scratch();
     painted(path, 120);
     expect(path, "tiles in.obj out --texture colors --tile-triangles 900 --report r.json", 0);
     let report = json(path, "r.json");
@@ -281,8 +278,7 @@ pub fn check_colours(mesh: &Path, (rim, most_off): (f64, f64)) -> usize {
 
 #[test]
 fn colours_out_of_images_are_the_same_for_any_threads_and_memory() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &scratch();
     painted(path, 120);
     let cut = |name: &str, options: &str| {
         expect(
@@ -297,8 +293,7 @@ fn colours_out_of_images_are_the_same_for_any_threads_and_memory() {
 
 #[test]
 fn levels_finer_than_the_finest_are_not_written_but_counted_in() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path();
+    let path = &scratch();
     expect(path, "synth statue in.ply --triangles 60k --seed 3", 0);
     let input = count(&check(path, "in.ply"), "triangles");
     expect(path, "tiles in.ply all --tile-triangles 1000", 0);
@@ -334,8 +329,7 @@ fn levels_finer_than_the_finest_are_not_written_but_counted_in() {
 
 #[test]
 fn a_piece_too_far_away_for_one_tile_is_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = folder.path();
+    let at = &scratch();
     let mesh = synth::mesh(&Settings::new(Kind::Statue, 30_000)).unwrap();
     let mut positions: Vec<[f64; 3]> =
         mesh.positions.iter().map(|p| [p[0] + 5e5, p[1] + 5e6, p[2]]).collect();

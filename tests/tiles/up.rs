@@ -1,8 +1,6 @@
 //! The axis that points upwards: y in glTF and z in all others, unless `--up` says otherwise.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
-use crate::common::{expect, run};
+use crate::common::{expect, run, scratch};
 use serde_json::Value;
 use std::path::Path;
 
@@ -20,8 +18,7 @@ fn half_sides(set: &Value) -> [f64; 3] {
 
 #[test]
 fn a_tower_stands_whatever_its_format() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n\
                 element face 4\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n2 0 0\n0 0 4\n0 20 0\n\
                 3 0 1 2\n3 0 3 1\n3 1 3 2\n3 2 3 0\n";
@@ -50,8 +47,7 @@ fn a_tower_stands_whatever_its_format() {
 
 #[test]
 fn what_comes_through_a_pipe_or_packed_stands_too() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n\
                 element face 4\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n2 0 0\n0 0 4\n0 20 0\n\
                 3 0 1 2\n3 0 3 1\n3 1 3 2\n3 2 3 0\n";
@@ -81,8 +77,7 @@ fn on_earth(set: &Value, p: [f64; 3]) -> [f64; 3] {
 
 #[test]
 fn a_coordinate_reference_system_puts_a_tree_on_the_earth() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+    let folder = &scratch();
     let mesh = |[x, y, z]: [f64; 3]| {
         let corner = |a: f64, b: f64, c: f64| format!("{} {} {}\n", x + a, y + b, z + c);
         let corners = [
