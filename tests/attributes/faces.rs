@@ -1,6 +1,6 @@
 //! What faces carry: labels as regions, colours and measures averaged, flags of every type, in cells or not.
 
-use crate::common::{check, count, expect, json, scratch};
+use crate::common::{check, count, expect, json, printed, scratch};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -281,8 +281,8 @@ fn regions_keep_their_areas_and_borders() {
             same.push(std::fs::read(folder.join("out.ply")).unwrap());
         }
         assert!(same[0] == same[1], "threads change nothing");
-        let json = check(folder, "out.ply");
-        assert_eq!((count(&json, "boundary_edges"), count(&json, "components")), (0, 1));
+        let found = check(folder, "out.ply");
+        assert_eq!((count(&found, "boundary_edges"), count(&found, "components")), (0, 1));
         let output = read(&folder.join("out.ply"));
         assert_eq!(output.properties, properties);
         for values in &output.values {
@@ -308,8 +308,7 @@ fn regions_keep_their_areas_and_borders() {
                 "{ratio} {cells}: {mean} {most}"
             );
         }
-        let report = std::fs::read_to_string(folder.join("r.json")).unwrap();
-        let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+        let report = json(folder, "r.json");
         for i in 0..4 {
             assert_eq!(report["face_properties"][i]["carried"], "region");
         }
@@ -350,8 +349,7 @@ fn regions_that_vanish_are_counted_once_whatever_the_cells() {
         let options =
             format!("--ratio {ratio} --cell-triangles {cells} --force -q --report r.json");
         expect(folder, &format!("simplify in.ply out.ply {options}"), 0);
-        let report = std::fs::read_to_string(folder.join("r.json")).unwrap();
-        let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+        let report = json(folder, "r.json");
         let gone = report["seams"]["charts_vanished"].as_u64().unwrap() as usize;
         let after = pieces(&read(&folder.join("out.ply")));
         println!("{ratio} {cells}: {before} - {gone} = {after}");
@@ -536,8 +534,7 @@ fn what_a_format_has_no_place_for_is_said() {
     for (name, kept) in [("out.stl", 0), ("out.glb", 0), ("out.obj", 0), ("out.ply", 2)] {
         let command = format!("simplify in.ply {name} --ratio 50% --report r.json");
         let said = expect(folder, &command, if kept == 0 { 3 } else { 0 });
-        let json = std::fs::read_to_string(folder.join("r.json")).unwrap();
-        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        let json = json(folder, "r.json");
         let list = json["face_properties"].as_array().unwrap();
         let dropped = list.iter().filter(|p| p["carried"] == "dropped").count();
         assert_eq!((list.len(), dropped), (2, 2 - kept), "{name}");
@@ -552,9 +549,8 @@ fn what_a_format_has_no_place_for_is_said() {
     let said = expect(folder, "simplify in.ply none.ply --ratio 50% --drop-faces", 0);
     assert!(said.contains("faces' label (uchar): dropped"), "{said}");
     assert!(read(&folder.join("none.ply")).properties.is_empty());
-    let output = crate::common::run(folder, "info --json in.ply");
-    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(json["face_properties"], serde_json::json!(["texnumber", "label"]));
+    let found = printed(folder, "info --json in.ply");
+    assert_eq!(found["face_properties"], serde_json::json!(["texnumber", "label"]));
 }
 
 #[test]

@@ -1,13 +1,11 @@
 //! Regions of faces with labels: counted by `info --check`, split by `convert`.
 
-use crate::common::{count, expect, json, run, scratch};
+use crate::common::{count, expect, json, printed, run, scratch};
 use std::path::Path;
 
 /// `info --check --json` with further options.
 fn info(at: &Path, arguments: &str) -> serde_json::Value {
-    let output = run(at, &format!("info --check --json {arguments}"));
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
+    printed(at, &format!("info --check --json {arguments}"))
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The report page, opened in a real browser where there is one.
 
+use crate::common::json;
 use std::path::Path;
 use std::process::Command;
 
@@ -71,8 +72,7 @@ fn the_page_is_whole_by_itself() {
     // The picture and the line that matters come first.
     let at = |part: &str| text.find(part).unwrap_or_else(|| panic!("no {part}"));
     assert!(at("The whole") < at("class=\"line\"") && at("class=\"line\"") < at("Asked and done"));
-    let run = std::fs::read(folder.path().join("run.json")).unwrap();
-    let run: serde_json::Value = serde_json::from_slice(&run).unwrap();
+    let run = json(folder.path(), "run.json");
     let count = format!("triangles became <b>{}</b>", run["output"]["triangles"]);
     assert!(text.replace('\u{2009}', "").contains(&count), "{count}");
     // Four views of both meshes.

@@ -4,7 +4,7 @@
 //! that the schema does not list is an error, so that no key goes undescribed. The crate `jsonschema` would do the same with 65
 //! packages.
 
-use crate::common::{expect, run};
+use crate::common::{expect, printed, run};
 use serde_json::{Map, Value};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -116,12 +116,6 @@ fn begins_as(pattern: &str, value: &Value) -> bool {
 fn read(path: &Path) -> Value {
     let text = std::fs::read_to_string(path).expect("a report");
     serde_json::from_str(&text).expect("JSON")
-}
-
-fn printed(folder: &Path, arguments: &str) -> Value {
-    let output = run(folder, arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
 fn assert_keeps(name: &str, value: &Value) {

@@ -62,11 +62,17 @@ pub fn expect(folder: &Path, arguments: &str, code: i32) -> String {
     said
 }
 
+/// The JSON that a command prints.
+pub fn printed(folder: &Path, arguments: &str) -> serde_json::Value {
+    let output = run(folder, arguments);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "stonecut {arguments}\n{said}");
+    serde_json::from_slice(&output.stdout).expect("JSON")
+}
+
 /// The JSON of `info --check`.
 pub fn check(folder: &Path, file: &str) -> serde_json::Value {
-    let output = run(folder, &format!("info --check --json {file}"));
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).expect("JSON")
+    printed(folder, &format!("info --check --json {file}"))
 }
 
 /// A file of JSON.

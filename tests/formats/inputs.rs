@@ -1,14 +1,11 @@
 //! Several files that become one mesh: joined borders, unions of what they carry, and sets that cannot be meant.
 
-use crate::common::{expect, run, scratch};
+use crate::common::{expect, json, printed, scratch};
 use serde_json::Value;
 use std::path::Path;
 
 fn info(at: &Path, words: &str) -> Value {
-    let output = run(at, &format!("info --json {words}"));
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{words}: {said}");
-    serde_json::from_slice(&output.stdout).unwrap()
+    printed(at, &format!("info --json {words}"))
 }
 
 /// Refuses a mesh that is not one closed piece.
@@ -65,7 +62,7 @@ fn a_set_gives_the_same_bytes_in_any_order_and_with_any_memory() {
             assert_eq!(first.get_or_insert_with(|| bytes.clone()), &bytes, "{words}");
         }
     }
-    let report: Value = serde_json::from_slice(&std::fs::read(at.join("r.json")).unwrap()).unwrap();
+    let report = json(at, "r.json");
     assert_eq!(report["inputs"].as_array().unwrap().len(), 8);
     assert_closed(
         &info(at, "out.ply --check"),

@@ -6,7 +6,7 @@
 
 #![allow(clippy::print_stdout)] // The table.
 
-use crate::common::{run, scratch};
+use crate::common::{json, run, scratch};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -560,8 +560,7 @@ fn every_kind_of_content_is_kept_or_named() {
                 continue;
             }
             assert!([Some(0), Some(3)].contains(&done.status.code()), "{command}\n{said}");
-            let report: Value =
-                serde_json::from_slice(&std::fs::read(at.join("r.json")).unwrap()).unwrap();
+            let report = json(at, "r.json");
             let losses = report["losses"].as_array().unwrap().clone();
             let held = held(&at.join(&output));
             columns.push(

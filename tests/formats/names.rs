@@ -1,6 +1,6 @@
 //! Names of objects and groups: with every face through every format that has names, and through a simplification.
 
-use crate::common::{expect, run, scratch};
+use crate::common::{expect, json, run, scratch};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -264,8 +264,7 @@ fn names_without_a_place_are_noted() {
                 said.contains("note: names of objects and groups, 3 of them"),
                 "{command}: {said}"
             );
-            let report: Value =
-                serde_json::from_slice(&std::fs::read(at.join("r.json")).unwrap()).unwrap();
+            let report = json(at, "r.json");
             let losses = report["losses"].as_array().unwrap();
             assert!(
                 losses.iter().all(|loss| loss["kind"] != "attributes"),

@@ -1,6 +1,6 @@
 //! Placing of an input before all else: `--up`, `--scale`, `--translate`, `--transform`, `--recentre`.
 
-use crate::common::{expect, glb_json, json, run, scratch};
+use crate::common::{expect, glb_json, json, printed, run, scratch};
 use std::path::Path;
 
 /// A tower of a quadrilateral and a triangle, 10 high along y, with normals along x, at `shift`.
@@ -123,8 +123,7 @@ fn an_offset_is_subtracted_and_written_down() {
 
 /// The notes of `info` on the place of a mesh.
 fn place_of(folder: &Path, file: &str) -> String {
-    let output = run(folder, &format!("info --json {file}"));
-    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let found = printed(folder, &format!("info --json {file}"));
     let notes = found["notes"].as_array().unwrap().iter().filter_map(|note| note.as_str());
     let notes: Vec<&str> = notes.filter(|note| note.starts_with("lies at")).collect();
     notes.join("; ")

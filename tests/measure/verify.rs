@@ -1,13 +1,8 @@
 //! `simplify --verify` and heatmaps: the numbers of `measure`, in any budget, and nothing left behind.
 
-use crate::common::{count, expect, scratch};
-use serde_json::Value;
+use crate::common::{count, expect, json, scratch};
 use std::path::Path;
 use stonecut::io::ply::{MeshSource, VertexBlock};
-
-fn json(folder: &Path, name: &str) -> Value {
-    serde_json::from_slice(&std::fs::read(folder.join(name)).unwrap()).unwrap()
-}
 
 fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap().flatten();

@@ -4,7 +4,7 @@
 
 #![allow(clippy::print_stdout)] // Skipped tests say so.
 
-use crate::common::{expect, scratch, skipped};
+use crate::common::{expect, json, scratch, skipped};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -113,8 +113,7 @@ fn every_kind_of_scan_stays_within_its_budget() {
                 "{name} {ratio}: {:?} {said}",
                 output.status
             );
-            let report = std::fs::read(folder.path().join("r.json")).unwrap();
-            let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+            let report = json(folder.path(), "r.json");
             let peak = report["peak_memory_bytes"].as_u64().unwrap();
             let usage = std::fs::read_to_string(group.0.join("memory.max_usage_in_bytes")).unwrap();
             println!(
@@ -165,8 +164,7 @@ fn least_mib(folder: &Path, command: &str) -> u64 {
 }
 
 fn peak_bytes(folder: &Path) -> u64 {
-    let report = std::fs::read(folder.join("r.json")).unwrap();
-    let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    let report = json(folder, "r.json");
     report["peak_memory_bytes"].as_u64().unwrap()
 }
 

@@ -1,6 +1,6 @@
 //! Damaged and truncated job files, changed inputs, two runs at once: each is told or does no harm.
 
-use crate::common::{expect, run, scratch, stonecut};
+use crate::common::{expect, json, run, scratch, stonecut};
 use std::path::{Path, PathBuf};
 
 const COMMAND: &str = "simplify in.ply out.ply --triangles 4400 --cell-triangles 1000 --threads 1";
@@ -186,8 +186,7 @@ fn degenerate_shapes_complete_in_the_budget() {
             continue;
         }
         assert!(matches!(code, Some(0 | 3)), "{shape:?}: {code:?} {said}");
-        let report: serde_json::Value =
-            serde_json::from_slice(&std::fs::read(at.join("r.json")).unwrap()).unwrap();
+        let report = json(at, "r.json");
         let peak = report["peak_memory_bytes"].as_u64().unwrap() >> 20;
         assert!(peak < 128, "{shape:?} takes {peak} MiB");
         // Refused and taken collapses: a few for each of 0.75 to 1 million edges, in all rounds together.

@@ -1,14 +1,10 @@
 //! A chain of levels in one run: every file exact, as good as a run of its own, and found again after an interruption.
 
-use crate::common::{check, count, expect, rms, scratch};
+use crate::common::{check, count, expect, json, rms, scratch};
 use std::path::Path;
 
 fn statue(folder: &Path) {
     expect(folder, "synth statue in.ply --triangles 120k --seed 5", 0);
-}
-
-fn json(path: &Path) -> serde_json::Value {
-    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
 #[test]
@@ -24,7 +20,7 @@ fn every_level_is_exact_and_as_good_as_a_run_alone() {
         ),
         0,
     );
-    let report = json(&at.join("r.json"));
+    let report = json(at, "r.json");
     assert_eq!(report["settings"]["coarser"], "triangles=3000,triangles=1500");
     assert_eq!((count(&report["output"], "triangles"), count(&report, "target")), (1500, 1500));
     for (number, (word, n)) in [("30k", 30_000), ("3k", 3000), ("1500", 1500)].iter().enumerate() {

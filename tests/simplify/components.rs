@@ -431,11 +431,7 @@ fn info_counts_the_same_sizes() {
         let all = scan.components();
         let small: Vec<u64> = all.iter().map(|c| c.0).filter(|&n| n < 100).collect();
         let cells = |memory: &str| {
-            let output =
-                crate::common::run(out, &format!("info --check --json in.ply --memory {memory}"));
-            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-            let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-            json
+            crate::common::printed(out, &format!("info --check --json in.ply --memory {memory}"))
         };
         for json in [cells("1GiB"), cells("300k")] {
             let sizes = &json["component_sizes"];

@@ -1,8 +1,6 @@
 //! `--max-error`: the distance between input and result, both ways, stays within the bound.
 
-#![allow(clippy::unwrap_used)]
-
-use crate::common::{count, expect, run, scratch, write_ply};
+use crate::common::{count, expect, json, run, scratch, write_ply};
 use std::path::Path;
 use stonecut::Mesh;
 use stonecut::kernel::{Bound, Options, Stop, simplify_mesh};
@@ -14,13 +12,9 @@ use stonecut::system::progress::Progress;
 /// The larger one of the two distances that `measure` finds.
 fn measured(at: &Path, input: &str, output: &str) -> f64 {
     expect(at, &format!("measure {input} {output} --report m.json"), 0);
-    let report = json(&at.join("m.json"));
+    let report = json(at, "m.json");
     let max = |side: &str| report[side]["max"].as_f64().unwrap();
     max("forward").max(max("backward"))
-}
-
-fn json(path: &Path) -> serde_json::Value {
-    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
 #[test]
@@ -37,7 +31,7 @@ fn the_result_stays_within_the_bound_and_goes_far() {
                 expect(at, &format!("{command} --force --report r.json"), 0);
                 let max = measured(at, "in.ply", "out.ply");
                 assert!(max <= bound, "{kind} {bound} {cells}: {max}");
-                let report = json(&at.join("r.json"));
+                let report = json(at, "r.json");
                 let upper = report["hausdorff"]["upper"].as_f64().unwrap();
                 assert!(upper <= bound && max <= upper, "{kind} {bound} {cells}: {upper} proven");
                 let tracked = report["max_error"]["tracked_max"].as_f64().unwrap();
@@ -75,7 +69,7 @@ fn holes_wider_than_the_bound_stay_open_and_cost_little() {
     for bound in [0.5, 1.0, 1.5] {
         let command = format!("simplify in.ply o.ply --max-error {bound} --force --report r.json");
         expect(at, &command, 0);
-        let report = json(&at.join("r.json"));
+        let report = json(at, "r.json");
         // Triangles that were turned over spanned a hole, and each further run left thousands.
         let n = count(&report["output"], "triangles");
         assert!(n < 100, "{bound}: {n}");
@@ -113,7 +107,7 @@ fn what_others_stand_in_for_vanishes_and_what_is_far_stays() {
             format!("simplify in.ply o.ply --max-error 1 {options} --force --report r.json");
         let code = run(at, &command).status.code().unwrap();
         assert!(code == 0 || code == 3, "{options}: {code}");
-        let report = json(&at.join("r.json"));
+        let report = json(at, "r.json");
         assert_eq!(count(&report["changes"], "small_components_removed"), n_gone, "{options}");
         assert!(report["hausdorff"]["upper"].as_f64().unwrap() <= 1.0, "{options}");
         // The plane has two triangles at least, each tetrahedron four.
@@ -143,7 +137,7 @@ fn thin_handles_are_cut_within_the_bound() {
         // 3: the ring is thinner than the bound, so what is left of it is hardly a ring.
         let code = run(at, &command).status.code().unwrap();
         assert!(code == 0 || code == 3, "{bound}: {code}");
-        let report = json(&at.join("r.json"));
+        let report = json(at, "r.json");
         assert_eq!(count(&report["changes"], "handles_cut") > 0, may_cut, "{bound}");
         assert!(report["hausdorff"]["upper"].as_f64().unwrap() <= bound, "{bound}");
     }
@@ -152,7 +146,7 @@ fn thin_handles_are_cut_within_the_bound() {
 /// Diagonal of the input's box, from the report of a run.
 fn diagonal(at: &Path, input: &str) -> f64 {
     expect(at, &format!("simplify {input} b.ply --ratio 50% --force --report b.json"), 0);
-    let bounds = json(&at.join("b.json"))["input"]["bounds"].clone();
+    let bounds = json(at, "b.json")["input"]["bounds"].clone();
     let end = |end: usize, axis: usize| bounds[end][axis].as_f64().unwrap();
     (0..3).map(|axis| (end(1, axis) - end(0, axis)).powi(2)).sum::<f64>().sqrt()
 }
@@ -178,7 +172,7 @@ fn whichever_comes_first_ends_it() {
     let bound = 0.003 * diagonal(at, "in.ply");
     let triangles = |options: &str, code: i32| {
         expect(at, &format!("simplify in.ply o.ply {options} --force --report r.json"), code);
-        count(&json(&at.join("r.json"))["output"], "triangles")
+        count(&json(at, "r.json")["output"], "triangles")
     };
     let by_bound = triangles(&format!("--max-error {bound}"), 0);
     let by_count = by_bound + 2000;
@@ -197,7 +191,7 @@ fn a_bound_of_nothing_changes_nothing_and_a_huge_one_leaves_hardly_anything() {
             &format!("simplify in.ply o.ply --max-error {bound} --force --report r.json"),
             0,
         );
-        let report = json(&at.join("r.json"));
+        let report = json(at, "r.json");
         assert_eq!(count(&report["output"], "triangles"), count(&report["input"], "triangles"));
         assert_eq!(report["hausdorff"]["upper"], 0.0, "{bound}");
     }
@@ -211,7 +205,7 @@ fn a_bound_of_nothing_changes_nothing_and_a_huge_one_leaves_hardly_anything() {
     let output = run(at, "simplify in.ply o.ply --max-error 1000 --force --report r.json");
     // So few triangles stand for no statue, which exit code 3 says.
     assert_eq!(output.status.code(), Some(3), "{output:?}");
-    let n = count(&json(&at.join("r.json"))["output"], "triangles");
+    let n = count(&json(at, "r.json")["output"], "triangles");
     assert!((4..=400).contains(&n), "{n}");
     for wrong in ["NaN", "-1", "inf", "1mm"] {
         let output = run(at, &format!("simplify in.ply p.ply --max-error={wrong}"));

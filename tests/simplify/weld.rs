@@ -241,8 +241,7 @@ fn convert_joins_copies_where_that_is_asked_for() {
         let said = expect(at, &format!("convert in.ply out.ply {options}"), 0);
         assert!(said.contains("3198 of 3840 vertices"), "{how}: {said}");
         is_closed(at, "out.ply");
-        let report: serde_json::Value =
-            serde_json::from_slice(&std::fs::read(at.join("r.json")).unwrap()).unwrap();
+        let report = json(at, "r.json");
         assert_eq!(report["input"]["weld"]["joined"], 3198, "{how}");
     }
     expect(at, "convert in.ply out.stl --weld -1", 2);

@@ -1,7 +1,7 @@
 //! Pictures of textured meshes, and their likeness: colours at the places that perspective gives them, small sizes of images
 //! far away, holes, the same bytes however it is done; figures that are known.
 
-use crate::common::{expect, scratch};
+use crate::common::{expect, json, scratch};
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use serde_json::Value;
 use std::path::Path;
@@ -155,8 +155,7 @@ fn an_image_that_is_missing_or_damaged_is_a_warning() {
 
 fn appearance(folder: &Path, arguments: &str) -> Value {
     expect(folder, &format!("measure {arguments} --samples 1k --appearance --report m.json"), 0);
-    let json = std::fs::read(folder.join("m.json")).unwrap();
-    serde_json::from_slice::<Value>(&json).unwrap()["appearance"].clone()
+    json(folder, "m.json")["appearance"].clone()
 }
 
 #[test]

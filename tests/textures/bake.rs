@@ -1,7 +1,7 @@
 //! New textures for results: colours in the right places, nothing between charts, the same bytes however it is done.
 
 use crate::common::meshes::{halves, ply_text, squares};
-use crate::common::{expect, run, scratch};
+use crate::common::{expect, json, run, scratch};
 use image::{Rgb, RgbImage};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -262,8 +262,7 @@ fn bytes_depend_on_the_question_alone() {
         let command =
             format!("simplify rooms.obj r.glb --ratio 5% -q --force --report r.json {how}");
         expect(folder, &command, 0);
-        let text = std::fs::read_to_string(folder.join("r.json")).unwrap();
-        serde_json::from_str::<serde_json::Value>(&text).unwrap()
+        json(folder, "r.json")
     };
     let many = report("--texture bake --bake-size 512");
     assert!(many["bake"]["pages"].as_u64().unwrap() > 1, "{}", many["bake"]);
@@ -403,8 +402,7 @@ fn the_ratio_decides_unless_it_is_said() {
     let texture = |how: &str| {
         let command = format!("simplify sheet.obj out.glb -q --force --report r.json {how}");
         expect(folder, &command, 0);
-        let text = std::fs::read_to_string(folder.join("r.json")).unwrap();
-        let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let report = json(folder, "r.json");
         assert_eq!(report["bake"].is_null(), report["settings"]["texture"] != "bake");
         report["settings"]["texture"].as_str().unwrap().to_owned()
     };
@@ -443,8 +441,7 @@ fn pages_that_are_allowed_are_used() {
         let what =
             "simplify rooms.obj o.glb --triangles 1k -q --force --report r.json --texture bake";
         expect(folder, &format!("{what} --bake-size 256 {how}"), 0);
-        let text = std::fs::read_to_string(folder.join("r.json")).unwrap();
-        let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let report = json(folder, "r.json");
         let number = |key: &str| report["bake"][key].as_f64().unwrap();
         (number("pages") as u64, number("texel_density"), number("covered_texels"))
     };

@@ -1,6 +1,6 @@
 //! Textured meshes in and out: materials, images and coordinates through every pair of formats.
 
-use crate::common::{expect, run, scratch};
+use crate::common::{expect, json, printed, scratch};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use stonecut::io::StageOptions;
@@ -337,8 +337,7 @@ fn a_stopped_run_ends_with_the_same_files() {
     }
     // The report names what was done.
     expect(folder, "simplify scan/scan.obj r.glb --ratio 40% -q --report r.json", 0);
-    let report = std::fs::read(folder.join("r.json")).unwrap();
-    let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    let report = json(folder, "r.json");
     let textures = &report["textures"];
     assert_eq!((textures["materials"].as_u64(), textures["images"].as_u64()), (Some(4), Some(3)));
     let notes = textures["notes"].to_string();
@@ -480,8 +479,7 @@ fn meshopt_compression_is_unpacked() {
     let file = glb(&text, &binary);
     std::fs::write(folder.path().join("in.glb"), &file).unwrap();
     expect(folder.path(), "convert in.glb out.ply", 0);
-    let output = run(folder.path(), "info --json out.ply");
-    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let json = printed(folder.path(), "info --json out.ply");
     assert_eq!(json["vertices"], n_vertices);
     assert_eq!(json["triangles"], n_indices / 3);
     // Damage is found or harmless, never a panic.

@@ -3,7 +3,7 @@
 
 use crate::bake::{files, look_up, points_of};
 use crate::common::meshes::{halves, ply_text, squares};
-use crate::common::{check, expect, scratch};
+use crate::common::{check, expect, json, scratch};
 use image::{Rgb, RgbImage};
 use std::path::Path;
 
@@ -133,8 +133,7 @@ fn waves_come_back_with_their_normals() {
         off.sort_by(f64::total_cmp);
         let (middle, most) = (off[off.len() / 2], off[off.len() * 98 / 100]);
         assert!(middle < 1.0 && most < 4.0, "{name}: {middle} {most} of {}", off.len());
-        let report = std::fs::read_to_string(folder.join("r.json")).unwrap();
-        let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+        let report = json(folder, "r.json");
         let normals = &report["bake"]["normals"];
         assert_eq!(normals["source"], "faces");
         assert!((4.0..9.0).contains(&normals["mean_degrees"].as_f64().unwrap()), "{normals}");
@@ -244,8 +243,7 @@ fn a_picture_with_the_map_is_nearer_to_the_original() {
             "measure statue.ply {output} --samples 1k --appearance --views 4 --report m.json"
         );
         expect(folder, &command, 0);
-        let text = std::fs::read_to_string(folder.join("m.json")).unwrap();
-        let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let report = json(folder, "m.json");
         report["appearance"]["psnr"].as_f64().unwrap()
     };
     let without = psnr("plain.glb", "");

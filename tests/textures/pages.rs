@@ -1,6 +1,6 @@
 //! Pages of new textures: any number of any size has a result, filled well; the plan says what they take.
 
-use crate::common::{expect, scratch};
+use crate::common::{expect, json, scratch};
 use std::path::Path;
 
 fn report(folder: &Path, how: &str) -> serde_json::Value {
@@ -8,8 +8,7 @@ fn report(folder: &Path, how: &str) -> serde_json::Value {
         "simplify rooms.obj o.glb --ratio 10% --texture bake -q --force --report r.json {how}"
     );
     expect(folder, &command, 0);
-    let text = std::fs::read_to_string(folder.join("r.json")).unwrap();
-    serde_json::from_str::<serde_json::Value>(&text).unwrap()["bake"].clone()
+    json(folder, "r.json")["bake"].clone()
 }
 
 #[test]

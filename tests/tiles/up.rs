@@ -1,12 +1,11 @@
 //! The axis that points upwards: y in glTF and z in all others, unless `--up` says otherwise.
 
-use crate::common::{expect, run, scratch};
+use crate::common::{expect, json, run, scratch};
 use serde_json::Value;
 use std::path::Path;
 
 fn tileset(folder: &Path, tree: &str) -> Value {
-    let text = std::fs::read(folder.join(tree).join("tileset.json")).unwrap();
-    serde_json::from_slice(&text).unwrap()
+    json(&folder.join(tree), "tileset.json")
 }
 
 /// Half sides of the box of the root, in the axes of the tileset.
