@@ -22,7 +22,7 @@ mod write;
 mod write_shuffled;
 
 use rooms::Rooms;
-use sliced::Counted;
+use sliced::CountedSurface;
 use std::path::Path;
 use stonecut_io::ply::{OutputHeader, Place};
 use stonecut_io::{MeshSink, OutputFormat, OutputKind};

@@ -36,7 +36,7 @@ fn verified_in_the_run_is_what_measure_says_afterwards() {
         let enclosed = &run["hausdorff"];
         assert_eq!(
             (enclosed, &enclosed["certified"]),
-            (&verified["hausdorff"], &Value::Bool(true))
+            (&verified["hausdorff"], &serde_json::Value::Bool(true))
         );
         let [lower, upper] = ["lower", "upper"].map(|end| enclosed[end].as_f64().unwrap());
         let max = |side: &str| verified[side]["max"].as_f64().unwrap();

@@ -12,7 +12,7 @@ use super::join::{FaceParts, Joiner, VertexRow};
 use super::json::{Document, Mesh, Node, Primitive};
 use super::left_out::{self, KNOWN};
 use super::materials_in::{self, Coordinates};
-use super::scene::Placement;
+use super::scene::NodePlacement;
 use super::{totals, weigh};
 use crate::materials::{BARE_FACES, BARE_REASON, Materials, Part};
 use crate::names::{Name, NameList};

@@ -1,6 +1,6 @@
 //! One contraction: the triangles that go, those that follow, and those that fall on each other's backs.
 
-use super::quadric::Quadric;
+use super::quadric::PairQuadric;
 use crate::surface::Surface;
 use stonecut_mesh::steps::count;
 use stonecut_mesh::vec3::{Vec3, cross, dot, length_sq, normal, scale, sub, unit};

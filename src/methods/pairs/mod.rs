@@ -16,7 +16,7 @@ use super::load::{LoadedMesh, for_records, load};
 use super::surface::Surface;
 use super::{MANIFOLD_TRIANGLE_BYTES, Made};
 use contract::{Contraction, plan, plan_at_hub};
-use quadric::Quadric;
+use quadric::PairQuadric;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use stonecut_io::ply::MeshSource;

@@ -11,6 +11,7 @@ use std::io::Cursor;
 use std::sync::Arc;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use stonecut_io::materials::{all_missing, copy_bytes};
+use stonecut_mesh::oklab::srgb_of_linear;
 use stonecut_system::error::Result;
 use stonecut_system::losses::{Ledger, Loss, LossKind};
 use stonecut_system::parallel::{guarded, in_order};

@@ -13,7 +13,7 @@ pub use lock::{hold, look};
 pub use manifest::{Identity, ManifestView, view};
 pub use own_names::{SCRATCH_EXTENSION, TRIALS, is_in_job};
 
-use lock::Lock;
+use lock::JobLock;
 use manifest::Manifest;
 use serde::Serialize;
 use serde::de::DeserializeOwned;

@@ -4,7 +4,7 @@
 
 use super::Rooms;
 use crate::shuffle::Shuffler;
-use crate::sliced::Counted;
+use crate::sliced::CountedSurface;
 use crate::surface::{Order, Surface};
 use crate::write::Stream;
 use crate::write_shuffled::{scratch_folder, shuffle_vertices};

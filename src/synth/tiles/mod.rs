@@ -8,7 +8,7 @@ mod tile;
 
 use crate::noise::hash;
 use crate::rooms::{self, Rooms};
-use crate::sliced::Counted;
+use crate::sliced::CountedSurface;
 use crate::write::Stream;
 use boxes::Boxes;
 use std::path::{Path, PathBuf};
