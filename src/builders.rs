@@ -79,13 +79,14 @@ pub fn followed<T: Send>(
         let worker = builder
             .spawn_scoped(scope, job)
             .map_err(|e| Error::NoMemory(format!("cannot start a thread: {e}")))?;
-        let mut pace = pace::Pace::default();
+        let mut pace = None;
         while !worker.is_finished() {
             std::thread::park_timeout(LOOK_EVERY);
             let (stage, done) = progress.read();
             if stage.name.is_empty() {
                 continue;
             }
+            let pace = pace.get_or_insert_with(|| pace::Pace::expecting(progress.expected()));
             let (figures, _) = pace.update(stage.clone(), done);
             follower(&Moment {
                 stage: stage.name,
@@ -226,6 +227,7 @@ impl<'a> Simplify<'a> {
         let config = self.config()?;
         let report = followed(self.follower, |progress| {
             let ready = job::prepare(&config, progress)?;
+            progress.expect(ready.expected());
             job::run_job(ready, &config, progress)
         })?;
         report.ok_or_else(|| Error::Internal("a whole run has no report".to_owned()))

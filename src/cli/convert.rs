@@ -7,7 +7,7 @@
 
 use super::answer::CommandEnd;
 pub use super::converted::Converted;
-use super::converted::{hold, plan, say, sort_bytes, write_report};
+use super::converted::{hold, plan, say, sort_bytes, stage_seconds, write_report};
 pub use super::inputs::InOut;
 use super::log::{Said, Show};
 use super::session::{Command, Session};
@@ -107,13 +107,17 @@ impl Command for Args {
     /// The exit code tells whether broken faces were dropped.
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         let report_to = self.report.as_deref().map(Seen::new);
-        let ready = open(self)?;
+        // Lines only where they are asked for: most conversions are over in a moment.
+        let shows = session.talk.progress != Show::Auto || std::io::stderr().is_terminal();
+        let ready = match shows {
+            true => session.watch_reading(self.paths.input.files(), || open(self)),
+            false => open(self),
+        }?;
         let plan = ready.plan(self)?;
         session.log.plan(Vec::new(), &plan);
         let progress = session.progress;
+        progress.expect(stage_seconds(&ready.source, self.format.check(&self.paths.output)?));
         let work = || ready.convert(self, progress);
-        // Lines only where they are asked for: most conversions are over in a moment.
-        let shows = session.talk.progress != Show::Auto || std::io::stderr().is_terminal();
         let done = if shows { session.watch(work) } else { work() }?;
         say(&self.paths.output, &done, &mut Said(session.log));
         let report =

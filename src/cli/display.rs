@@ -2,6 +2,7 @@
 
 use super::log::{Log, Show, Talk};
 use super::pace::{Figures, Pace, has_own_pace};
+use super::reading::{READ, process_bytes};
 use crate::system::progress::{Progress, Stage};
 use crate::system::units::{show_bytes, show_count};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -13,6 +14,8 @@ const BAR_INTERVAL: Duration = Duration::from_millis(100);
 /// Steps of the bar, from nothing to all.
 const BAR_STEPS: u64 = 1000;
 const LINE_INTERVAL: Duration = Duration::from_secs(10);
+/// Most inputs are open before there is anything to tell.
+const READING_INTERVAL: Duration = Duration::from_secs(1);
 /// The beat of `--progress json`, which docs/report.md promises.
 const JSON_INTERVAL: Duration = Duration::from_secs(1);
 
@@ -30,7 +33,7 @@ pub fn watch<T>(talk: &Talk, progress: &Progress, log: &mut Log, work: impl FnOn
     }
     let is_over = AtomicBool::new(false);
     std::thread::scope(|scope| {
-        let pace = Pace::expecting(progress.expected_seconds());
+        let pace = Pace::expecting(progress.expected());
         let display = || Display::new(show, log, pace).run(progress, &is_over);
         let Ok(watcher) = std::thread::Builder::new().spawn_scoped(scope, display) else {
             // No memory for a thread: the work may still succeed without being watched.
@@ -43,7 +46,7 @@ pub fn watch<T>(talk: &Talk, progress: &Progress, log: &mut Log, work: impl FnOn
         let _ = watcher.join();
         // The next command of the demo begins with no stage.
         progress.begin("", 0, 0, 0);
-        progress.expect(0.0);
+        progress.expect(Vec::new());
         outcome.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })
 }
@@ -54,6 +57,9 @@ struct Display<'a> {
     bar: ProgressBar,
     pace: Pace,
     last_line: Option<Instant>,
+    began: Instant,
+    /// Bytes that the process had read and written before.
+    bytes_before: u64,
 }
 
 impl<'a> Display<'a> {
@@ -61,26 +67,37 @@ impl<'a> Display<'a> {
         let bar = if show == Show::Bar { ProgressBar::new(0) } else { ProgressBar::hidden() };
         let style = ProgressStyle::with_template("{prefix} [{bar:32}] {percent:>3}% {msg}");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        Display { show, log, bar, pace, last_line: None }
+        let (began, bytes_before) = (Instant::now(), process_bytes());
+        Display { show, log, bar, pace, last_line: None, began, bytes_before }
     }
 
     fn run(mut self, progress: &Progress, is_over: &AtomicBool) {
         while !is_over.load(Ordering::Relaxed) {
             self.show_notes(progress);
             let (stage, done) = progress.read();
-            if !stage.name.is_empty() {
-                self.update(stage, done);
+            match stage.name {
+                "" => {}
+                READ => self.reads(stage),
+                _ => self.update(stage, done),
             }
             std::thread::park_timeout(BAR_INTERVAL);
         }
         self.bar.finish_and_clear();
         let (stage, done) = progress.read();
-        if self.show == Show::Json && !stage.name.is_empty() {
+        if self.show == Show::Json && !["", READ].contains(&stage.name) {
             // A program that reads gets the last state, however short the run was.
             self.last_line = None;
             self.update(stage, done);
         }
         self.show_notes(progress);
+    }
+
+    /// Inputs are opened before there is a plan, which is the first thing that a program is told.
+    fn reads(&mut self, stage: Stage) {
+        if self.show != Show::Json && self.began.elapsed() > READING_INTERVAL {
+            let done = process_bytes().saturating_sub(self.bytes_before);
+            self.update(stage, done);
+        }
     }
 
     fn show_notes(&mut self, progress: &Progress) {
@@ -97,9 +114,10 @@ impl<'a> Display<'a> {
         let Figures { done, per_second, seconds, seconds_left, stage_seconds_left, fraction } =
             figures;
         // A stage with its own pace counts other things than triangles.
-        let rate = match has_own_pace(stage.name) {
-            true => String::new(),
-            false => format!("{} triangles/s, ", show_count(per_second as u64)),
+        let rate = match stage.name {
+            READ => format!("{}/s, ", show_bytes(per_second as u64)),
+            name if has_own_pace(name) => String::new(),
+            _ => format!("{} triangles/s, ", show_count(per_second as u64)),
         };
         // Of the whole run, never all of it while it goes on; the same for the time.
         let percent = (100.0 * fraction).floor();

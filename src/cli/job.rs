@@ -13,7 +13,7 @@ use crate::pipeline::{self, Prepared, max_error, optimize, pairs};
 use crate::store::job::fingerprint::{file_marks, marks_now};
 use crate::system::disk::{note_of, read_regular, set_note};
 use crate::system::paths::MOST_REPORT_BYTES;
-use crate::system::progress::Progress;
+use crate::system::progress::{Progress, StageSeconds};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -38,6 +38,14 @@ pub(crate) fn prepare(config: &Config, progress: &Progress) -> Result<ReadyJob> 
 }
 
 impl ReadyJob {
+    /// The stages that the plan expects.
+    pub(crate) fn expected(&self) -> Vec<StageSeconds> {
+        match self {
+            ReadyJob::Collapse(ready) => ready.plan.stage_seconds.clone(),
+            ReadyJob::Method(ready) => ready.plan.stage_seconds(),
+        }
+    }
+
     /// The plan in lines, and as JSON.
     pub(super) fn plan(&self, config: &Config) -> (Vec<String>, serde_json::Value) {
         match self {

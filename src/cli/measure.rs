@@ -201,10 +201,15 @@ fn report(args: &Args, session: &mut Session) -> Result<Report> {
     let threads = super::arguments::threads(args.threads).get();
     let heat_to = args.heatmap.as_deref().map(Seen::new);
     let temp_dir = temp_dir(args);
-    let [original, simplified] = [
-        super::arguments::open_mesh(&args.meshes.input, &temp_dir, args.memory)?,
-        super::arguments::open_mesh(&args.meshes.output, &temp_dir, args.memory)?,
-    ];
+    let files = args.meshes.input.files().map(|mut files| {
+        files.push(args.meshes.output.clone());
+        files
+    });
+    let opened = session.watch_reading(files, || -> Result<_> {
+        let first = super::arguments::open_mesh(&args.meshes.input, &temp_dir, args.memory)?;
+        Ok([first, super::arguments::open_mesh(&args.meshes.output, &temp_dir, args.memory)?])
+    });
+    let [original, simplified] = opened?;
     let memory_bytes = memory_budget(args.memory);
     let means = (memory_bytes, threads);
     if args.appearance {
@@ -242,7 +247,7 @@ fn report(args: &Args, session: &mut Session) -> Result<Report> {
     };
     let plan = MeasurePlan::new(&request);
     session.log.plan(Vec::new(), &plan);
-    progress.expect(plan.seconds);
+    progress.expect(plan.stage_seconds.clone());
     let comparison = session.watch(|| compare::compare(&request, progress))?;
     // Its memory is for the heatmap and the pictures now.
     request.options.region = None;

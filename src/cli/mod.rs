@@ -27,6 +27,7 @@ mod pages;
 mod placing;
 mod plan;
 mod progressive;
+mod reading;
 mod receipt;
 mod refine;
 mod render;

@@ -1,12 +1,14 @@
-//! The pace of a run: from counters and a clock to shares done and seconds left.
+//! The pace of a run: from counters, a clock and the stages of a plan to shares done and seconds left.
 //!
 //! For whoever shows progress: the bar and lines of the command line, and callers in the same process.
 
-use crate::system::progress::Stage;
+use crate::system::progress::{Stage, StageSeconds};
+use std::collections::VecDeque;
 use std::time::Instant;
 
-/// Seconds for a weighted triangle where no plan says what to expect.
+/// Seconds for a triangle of a stage that no plan has named, and the share of a pass that only reads and writes.
 const ASSUMED_PACE: f64 = 0.375e-6;
+const PASS_SHARE: f64 = 0.2;
 /// Weight of the plan against measurements: as much as this share of a run, or of a stage, that was measured. Where a stage shows itself to be much
 /// slower than expected, that counts for less.
 const EXPECTED_SHARE: f64 = 0.1;
@@ -16,32 +18,37 @@ const LEAST_TRUST: f64 = 0.4;
 const LEAST_LEFT: f64 = 0.05;
 const LEAST_SECONDS_LEFT: f64 = 0.1;
 /// Share that a run at work has done at most.
-const MOST_DONE: f64 = 0.995;
-
-/// Relative cost of a triangle in each stage, for the overall estimate only.
-fn weight(stage: &str) -> f64 {
-    match stage {
-        "partition" => 0.25,
-        "components" | "write" => 0.1,
-        _ => 1.0,
-    }
-}
+pub(super) const MOST_DONE: f64 = 0.995;
+/// A stage that took less than this share of what was expected was done by an earlier process; it says nothing of the machine.
+const GIVEN_SHARE: f64 = 0.05;
 
 /// Stages that do not count triangles at the pace of others: what they have left is told by themselves.
 pub(super) fn has_own_pace(stage: &str) -> bool {
     stage == "bake"
 }
 
+/// Stages that read and write more than they compute: a slow disk says nothing of the others, nor they of it.
+fn is_pass(stage: &str) -> bool {
+    ["partition", "components", "repartition", "map", "write"].contains(&stage)
+}
+
 /// Share of such a stage that is taken to have been done in no time, so that its first second's estimate is a number.
 const HEAD_START: f64 = 0.05;
+
+/// Seconds that stages of one kind took, beside those that were expected.
+#[derive(Clone, Copy, Debug, Default)]
+struct Timing {
+    took: f64,
+    expected: f64,
+}
 
 /// A clock over the stages of one run.
 #[derive(Debug)]
 pub struct Pace {
     started: Instant,
-    /// Beginning of the first stage.
-    began: Option<Instant>,
     stage: Stage,
+    /// Seconds that the plan expects of it.
+    expected: f64,
     /// The last look at the stage before: it began after that.
     stage_started: Instant,
     looked_at: Instant,
@@ -49,15 +56,20 @@ pub struct Pace {
     part_started: Instant,
     /// Units that an earlier process had done, or that were done at the first look.
     given: u64,
-    /// Units at the last change of the count, and its time: cells are counted when they are whole.
+    /// Units at the first and the last change of the count, and their times: cells are counted when they are whole, and
+    /// before the first of them a sample is taken.
+    first: Option<(u64, Instant)>,
     counted: u64,
     counted_at: Instant,
-    /// Weighted triangles of stages that are over.
-    weight_done: f64,
-    /// Those of the whole run, as the first stage lets expect.
-    whole_weight: f64,
-    /// Seconds that the plan expects.
-    expected: Option<f64>,
+    /// Stages that are over, computing ones and passes.
+    over: [Timing; 2],
+    /// Seconds expected of all stages that are over, measured or not.
+    expected_over: f64,
+    /// Stages to come, as the plan has them; without a plan they are guessed from the stage at work.
+    ahead: VecDeque<StageSeconds>,
+    has_plan: bool,
+    /// Seconds expected of the whole run.
+    whole: f64,
     /// The largest share so far: it never falls.
     fraction: f64,
 }
@@ -81,64 +93,91 @@ pub struct Figures {
 
 impl Default for Pace {
     fn default() -> Pace {
-        Pace::expecting(None)
+        Pace::expecting(Vec::new())
     }
 }
 
 impl Pace {
-    /// A clock that starts now; `seconds` are what the plan expects of the whole run.
-    pub fn expecting(seconds: Option<f64>) -> Pace {
+    /// A clock that starts now, for the stages that a plan expects; without any it guesses.
+    pub fn expecting(stages: Vec<StageSeconds>) -> Pace {
         let now = Instant::now();
+        let whole: f64 = stages.iter().map(|(_, seconds)| seconds).sum();
         Pace {
             started: now,
-            began: None,
             stage: Stage::default(),
+            expected: 0.0,
             stage_started: now,
             looked_at: now,
             part_started: now,
             given: 0,
+            first: None,
             counted: 0,
             counted_at: now,
-            weight_done: 0.0,
-            whole_weight: 0.0,
-            expected: seconds.filter(|seconds| *seconds > 0.0),
+            over: [Timing::default(); 2],
+            expected_over: 0.0,
+            has_plan: whole > 0.0,
+            ahead: stages.into(),
+            whole,
             fraction: 0.0,
         }
     }
 
     /// Takes notice of the count of a stage; true if it is another one than before.
     fn look(&mut self, stage: Stage, done: u64) -> bool {
-        let is_new = stage.number != self.stage.number;
-        let is_first = self.began.is_none();
-        if is_new {
-            self.weight_done += self.stage.total as f64 * weight(self.stage.name);
-            self.stage_started = self.looked_at;
-            self.began.get_or_insert(self.looked_at);
-        }
+        let is_new = stage.number != self.stage.number || stage.name != self.stage.name;
         let now = Instant::now();
+        if is_new {
+            let took = seconds_between(self.stage_started, self.looked_at);
+            if took > GIVEN_SHARE * self.expected {
+                let over = &mut self.over[usize::from(is_pass(self.stage.name))];
+                over.took += took;
+                over.expected += self.expected;
+            }
+            self.expected_over += self.expected;
+            self.stage_started = self.looked_at;
+            self.expected = self.expected_of(&stage);
+        }
         if is_new || stage.total != self.stage.total {
             self.part_started = if is_new { self.looked_at } else { now };
             (self.given, self.counted, self.counted_at) = (done, done, self.part_started);
+            self.first = None;
         }
         if done != self.counted {
+            self.first.get_or_insert((done, now));
             (self.counted, self.counted_at) = (done, now);
         }
         self.looked_at = now;
         self.stage = stage;
-        if is_first {
-            self.whole_weight =
-                self.stage.total as f64 * weight(self.stage.name) + self.weight_ahead();
+        if !self.has_plan && self.whole == 0.0 {
+            self.whole = self.expected + self.ahead();
         }
         is_new
     }
 
-    /// Share of the weighted triangles of a run, for whoever did not see how long they took.
-    pub(super) fn counted_share(&mut self, stage: Stage, done: u64) -> f64 {
-        self.look(stage, done);
-        let own = weight(self.stage.name);
-        let so_far = self.weight_done + done.min(self.stage.total) as f64 * own;
-        let left = self.stage.total.saturating_sub(done) as f64 * own + self.weight_ahead();
-        (so_far / (so_far + left).max(1.0)).min(MOST_DONE)
+    /// Seconds expected of a stage that begins; those before it that did not come are dropped.
+    fn expected_of(&mut self, stage: &Stage) -> f64 {
+        match self.ahead.iter().position(|(name, _)| *name == stage.name) {
+            Some(at) => self.ahead.drain(..=at).next_back().map_or(0.0, |(_, seconds)| seconds),
+            None => {
+                let share = if is_pass(stage.name) { PASS_SHARE } else { 1.0 };
+                share * ASSUMED_PACE * stage.total as f64
+            }
+        }
+    }
+
+    /// Seconds expected of the stages to come, at the expected pace.
+    fn ahead(&self) -> f64 {
+        if self.has_plan {
+            return self.ahead.iter().map(|(_, seconds)| seconds).sum();
+        }
+        let stage = &self.stage;
+        let own = ASSUMED_PACE * stage.total as f64;
+        match stage.name {
+            // Everything is still to come: the cells, and a little for stitching and writing.
+            "partition" | "components" => 1.2 * own,
+            "simplify" => 0.15 * own,
+            _ => PASS_SHARE * own * f64::from(stage.n_stages.saturating_sub(stage.number)),
+        }
     }
 
     /// The figures of a running stage with `done` triangles done, and whether it is another stage than before.
@@ -146,20 +185,13 @@ impl Pace {
         let done = done.min(stage.total);
         let is_new = self.look(stage, done);
         let seconds = self.started.elapsed().as_secs_f64();
-        let (stage_seconds_left, seconds_left) = match has_own_pace(self.stage.name) {
-            true => {
-                let total = self.stage.total.max(1) as f64;
-                let per_unit =
-                    self.part_started.elapsed().as_secs_f64() / (done as f64 + HEAD_START * total);
-                let left = per_unit * (self.stage.total - done) as f64;
-                (left, left)
-            }
-            false => self.seconds_left(),
+        let stage_seconds_left = match has_own_pace(self.stage.name) {
+            true => self.own_left(done),
+            false => self.stage_left(),
         };
         let least = self.part_started.elapsed().as_secs_f64() * LEAST_LEFT;
-        let least = least.max(LEAST_SECONDS_LEFT);
-        let stage_seconds_left = stage_seconds_left.max(least);
-        let seconds_left = seconds_left.max(stage_seconds_left);
+        let stage_seconds_left = stage_seconds_left.max(least).max(LEAST_SECONDS_LEFT);
+        let seconds_left = stage_seconds_left + self.later(stage_seconds_left);
         self.fraction = self.fraction.max((seconds / (seconds + seconds_left)).min(MOST_DONE));
         let own_seconds = self.stage_started.elapsed().as_secs_f64();
         let figures = Figures {
@@ -173,43 +205,68 @@ impl Pace {
         (figures, is_new)
     }
 
-    /// Seconds left of the stage, and of the run.
-    fn seconds_left(&self) -> (f64, f64) {
-        let stage = &self.stage;
-        let since = |from: Instant, to: Instant| to.saturating_duration_since(from).as_secs_f64();
-        let expected = self.expected.map_or(ASSUMED_PACE, |all| all / self.whole_weight.max(1.0));
-        let trusted = EXPECTED_SHARE * self.whole_weight;
-        let over = self.began.map_or(0.0, |began| since(began, self.stage_started));
-        let pace = |seconds: f64, weight: f64| {
-            (expected * trusted + seconds) / (trusted + weight).max(1.0)
-        };
-        let all = stage.total.saturating_sub(self.given) as f64;
-        let own_weight = weight(stage.name) * all;
-        let of_stage = pace(over, self.weight_done) * own_weight;
-        let share = self.counted.saturating_sub(self.given) as f64 / all.max(1.0);
-        let measured = since(self.part_started, self.counted_at);
-        let slower = (share * of_stage / measured.max(1e-9)).clamp(LEAST_TRUST, 1.0);
-        let trust = EXPECTED_SHARE * if share > 0.0 { slower } else { 1.0 };
-        let whole = (trust * of_stage + measured) / (trust + share).max(1e-9);
-        // Since the last count some of what is left has been done.
-        let left = ((1.0 - share) * whole - since(self.counted_at, Instant::now())).max(0.0);
-        let later = pace(over + measured, self.weight_done + share * own_weight);
-        (left, left + self.weight_ahead() * later)
+    /// Times as long as expected stages of a kind take, once `more` is measured too.
+    fn times(&self, is_pass: bool, more: Timing) -> f64 {
+        let over = self.over[usize::from(is_pass)];
+        let trusted = EXPECTED_SHARE * self.whole;
+        (trusted + over.took + more.took) / (trusted + over.expected + more.expected).max(1e-9)
     }
 
-    /// Weighted triangles of stages to come: they are taken to be as small as this one is, weighted by kind.
-    fn weight_ahead(&self) -> f64 {
-        let stage = &self.stage;
-        match stage.name {
-            // Everything is still to come: the cells, and a little for stitching and writing.
-            "partition" | "components" => 1.2 * stage.total as f64,
-            "simplify" => 0.15 * stage.total as f64,
-            name => {
-                let own = weight(name) * stage.total as f64;
-                own * 0.2 * f64::from(stage.n_stages.saturating_sub(stage.number))
-            }
+    /// Seconds left of a stage that counts its parts in units of theirs, by the part at work; by the plan until a second part says more.
+    fn own_left(&self, done: u64) -> f64 {
+        let total = self.stage.total.max(1) as f64;
+        let per_unit =
+            self.part_started.elapsed().as_secs_f64() / (done as f64 + HEAD_START * total);
+        let own = per_unit * (self.stage.total - done) as f64;
+        if !self.has_plan {
+            return own;
         }
+        let took = self.stage_started.elapsed().as_secs_f64();
+        let planned = (self.times(false, Timing::default()) * self.expected - took).max(0.0);
+        let trust = if self.part_started > self.stage_started { done as f64 / total } else { 0.0 };
+        planned + (own - planned) * (trust / (trust + EXPECTED_SHARE))
     }
+
+    /// Seconds left of the stage at work.
+    fn stage_left(&self) -> f64 {
+        let units = |count: u64| count.saturating_sub(self.given) as f64;
+        let all = units(self.stage.total).max(1.0);
+        let of_stage = self.times(is_pass(self.stage.name), Timing::default()) * self.expected;
+        let share = units(self.counted) / all;
+        // Whatever comes before the first count is not the pace of the others.
+        let (from, given) = match self.first {
+            Some((count, at)) if count < self.counted => (at, units(count) / all),
+            _ => (self.part_started, 0.0),
+        };
+        let (measured, part) = (seconds_between(from, self.counted_at), share - given);
+        let slower = (part * of_stage / measured.max(1e-9)).clamp(LEAST_TRUST, 1.0);
+        let trust = EXPECTED_SHARE * if part > 0.0 { slower } else { 1.0 };
+        let whole = (trust * of_stage + measured) / (trust + part).max(1e-9);
+        // Since the last count some of what is left has been done.
+        ((1.0 - share) * whole - seconds_between(self.counted_at, Instant::now())).max(0.0)
+    }
+
+    /// Seconds of the stages to come, where the one at work has this many left.
+    fn later(&self, stage_left: f64) -> f64 {
+        if !self.has_plan {
+            return self.ahead() * self.times(false, Timing::default());
+        }
+        // The stage at work will have taken as long as it is now expected to, as far as it has been seen.
+        let took = seconds_between(self.stage_started, Instant::now());
+        let seen = took / (took + stage_left).max(1e-9);
+        let own = Timing { took, expected: seen * self.expected };
+        let is_given = own.took < GIVEN_SHARE * own.expected;
+        let at_work = |kind: bool| match kind == is_pass(self.stage.name) && !is_given {
+            true => own,
+            false => Timing::default(),
+        };
+        let times = [false, true].map(|kind| self.times(kind, at_work(kind)));
+        self.ahead.iter().map(|(name, seconds)| times[usize::from(is_pass(name))] * seconds).sum()
+    }
+}
+
+fn seconds_between(from: Instant, to: Instant) -> f64 {
+    to.saturating_duration_since(from).as_secs_f64()
 }
 
 #[cfg(test)]
@@ -224,7 +281,6 @@ mod tests {
     /// Lets time pass.
     fn wait(pace: &mut Pace, seconds: u64) {
         let back = |at: &mut Instant| *at -= Duration::from_secs(seconds);
-        pace.began.iter_mut().for_each(back);
         for at in [
             &mut pace.started,
             &mut pace.stage_started,
@@ -234,6 +290,7 @@ mod tests {
         ] {
             back(at);
         }
+        pace.first.iter_mut().for_each(|(_, at)| back(at));
     }
 
     #[test]
@@ -278,7 +335,7 @@ mod tests {
     #[test]
     fn what_is_left_does_not_count_up_while_nothing_is_counted() {
         let finish = stage("finish", 1, 1, 1_000_000);
-        let mut pace = Pace::expecting(Some(60.0));
+        let mut pace = Pace::expecting(vec![("finish", 60.0)]);
         let mut last = f64::INFINITY;
         for _ in 0..11 {
             let (figures, _) = pace.update(finish.clone(), 0);
@@ -319,9 +376,5 @@ mod tests {
             }
         }
         assert!(last > 0.9, "{last}");
-        let mut pace = Pace::default();
-        pace.counted_share(stage("partition", 1, 3, 1000), 1000);
-        let share = pace.counted_share(stage("simplify", 2, 3, 1000), 500);
-        assert!((0.4..0.6).contains(&share), "{share}");
     }
 }

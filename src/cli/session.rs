@@ -3,10 +3,12 @@
 use super::answer::CommandEnd;
 use super::display::watch;
 use super::log::{Log, Talk};
+use super::reading;
 use crate::error::{Error, Offers, Result};
 use crate::system::paths::Paths;
 use crate::system::progress::Progress;
 use std::io::Write;
+use std::path::PathBuf;
 
 /// A command with the options that were typed.
 pub(super) trait Command {
@@ -54,6 +56,17 @@ impl Session<'_> {
     /// Shows the progress while `work` runs.
     pub(super) fn watch<T>(&mut self, work: impl FnOnce() -> T) -> T {
         watch(self.talk, self.progress, self.log, work)
+    }
+
+    /// The same while `work` opens inputs.
+    pub(super) fn watch_reading<T>(
+        &mut self,
+        inputs: Result<Vec<PathBuf>>,
+        work: impl FnOnce() -> T,
+    ) -> T {
+        // What cannot be looked up is refused by the work.
+        reading::begin(&inputs.unwrap_or_default(), self.progress);
+        self.watch(work)
     }
 
     /// Prints on standard output.

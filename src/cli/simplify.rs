@@ -421,10 +421,10 @@ impl Command for Args {
         super::arguments::warn_of_limit(self.memory, session.log);
         self.target.warn_of_one(session.log);
         let progress = session.progress;
-        let ready = session.watch(|| prepare(&config, progress))?;
+        let ready = session.watch_reading(config.input.files(), || prepare(&config, progress))?;
         let (lines, plan) = ready.plan(&config);
         session.log.plan(lines, &plan);
-        plan["seconds"].as_f64().into_iter().for_each(|seconds| progress.expect(seconds));
+        progress.expect(ready.expected());
         if let ReadyJob::Collapse(ready) = &ready
             && ready.config.texture == Texture::Keep
         {

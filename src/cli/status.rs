@@ -1,7 +1,7 @@
 //! `stonecut status`: what a job folder holds.
 
 use super::answer::CommandEnd;
-use super::pace::Pace;
+use super::pace::MOST_DONE;
 use super::session::{Command, Session};
 use super::terminal::shown;
 use crate::error::{Error, Result};
@@ -11,7 +11,7 @@ use crate::store::job::{look, view};
 use crate::system::disk::Disk;
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
 use crate::system::paths::{Paths, Role};
-use crate::system::progress::{Progress, Stage};
+use crate::system::progress::Progress;
 use crate::system::units::{show_bytes, show_count};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -130,22 +130,14 @@ impl Running {
         Running { is_running, host, process, board: board.unwrap_or_default() }
     }
 
-    /// Share of the run that is done, as `watch` estimates it.
+    /// Share of the expected seconds that is over.
     fn share(&self) -> Option<f64> {
         let count = |key: &str| self.board[key].as_u64();
-        let (number, triangles) = (count("stage_number")? as u32, count("triangles")?);
         let (total, done) = (count("units")?, count("units_done")?);
-        let n_stages = count("stages")? as u32;
-        let mut pace = Pace::default();
-        let mut share = 0.0;
-        let before = ["partition", "simplify"].into_iter().zip(1..number);
-        let stages = before.map(|(name, number)| (name, number, triangles, triangles));
-        for (name, number, total, done) in
-            stages.chain([(stage_name(self.board["stage"].as_str()?), number, total, done)])
-        {
-            share = pace.counted_share(Stage { name, number, n_stages, total }, done);
-        }
-        Some(share)
+        let stages: Vec<(String, f64)> =
+            serde_json::from_value(self.board["expected"].clone()).ok()?;
+        let own = done.min(total) as f64 / total.max(1) as f64;
+        share_of(&stages, self.board["stage"].as_str()?, count("stage_number")?, own)
     }
 
     fn percent(&self) -> Option<f64> {
@@ -187,10 +179,14 @@ impl Running {
     }
 }
 
-/// A name of a stage as the pace knows it.
-fn stage_name(name: &str) -> &'static str {
-    const NAMES: [&str; 5] = ["partition", "components", "simplify", "write", "bake"];
-    NAMES.into_iter().find(|known| *known == name).unwrap_or("round")
+/// Share of the expected seconds of `stages` that is over, where `own` of the stage of this name and number is done. Stages
+/// that were planned may not have come.
+fn share_of(stages: &[(String, f64)], name: &str, number: u64, own: f64) -> Option<f64> {
+    let places = (0..stages.len()).filter(|&at| stages[at].0 == name);
+    let at = places.min_by_key(|&at| (at as u64 + 1).abs_diff(number))?;
+    let seconds = |stages: &[(String, f64)]| stages.iter().map(|(_, s)| s).sum::<f64>();
+    let over = seconds(&stages[..at]) + own * stages[at].1;
+    Some((over / seconds(stages).max(1e-9)).min(MOST_DONE))
 }
 
 /// Shows a run until it ends.

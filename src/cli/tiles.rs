@@ -253,18 +253,19 @@ impl Command for Args {
 }
 
 fn make(args: &Args, session: &mut Session) -> Result<CommandEnd> {
-    let (progress, log) = (session.progress, &mut *session.log);
+    let progress = session.progress;
     let report_to = args.report.as_deref().map(Seen::new);
     let mut config = args.config()?;
     let is_placed = args.geo.is_some() || args.transform.is_some();
     let typed = if is_placed { Some(&TypedCrs::None) } else { args.crs.as_ref() };
-    super::arguments::warn_of_limit(args.memory, log);
-    let prepared = prepare_tiles(&config)?;
+    super::arguments::warn_of_limit(args.memory, session.log);
+    let prepared = session.watch_reading(config.input.files(), || prepare_tiles(&config))?;
+    let log = &mut *session.log;
     let place = take_place(prepared.source.georeference(), typed, &mut config);
     // glTF has y upwards by its standard.
     config.is_z_up &= args.up.is_some() || prepared.source.file_format() != "glTF";
     log.plan(prepared.plan.lines(&config), &prepared.plan);
-    progress.expect(prepared.plan.seconds);
+    progress.expect(prepared.plan.stage_seconds());
     place.into_iter().for_each(|line| log.say(line));
     if args.up.is_none() && !config.is_z_up {
         log.say("up        y, as glTF has it (--up z otherwise)");

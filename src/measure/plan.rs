@@ -4,6 +4,7 @@ use crate::compare::{Request, simplified_bytes, taken_bytes, usable_bytes, whole
 use stonecut_io::ply::MeshSource;
 use stonecut_stages::partition;
 use stonecut_store::cells::VertexLayout;
+use stonecut_system::progress::StageSeconds;
 
 /// Forecast of a comparison.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -18,13 +19,23 @@ pub struct MeasurePlan {
     pub whole_memory_bytes: u64,
     /// Bytes of temporary files.
     pub temp_bytes: u64,
-    /// Expected seconds, without a certificate.
+    /// Expected seconds.
     pub seconds: f64,
+    /// The same of each stage.
+    #[serde(skip)]
+    pub stage_seconds: Vec<StageSeconds>,
 }
 
 /// Samples, or triangles, that a core of the reference machine measures in a second.
-const SAMPLES_PER_SECOND: f64 = 0.35e6;
-const TRIANGLES_PER_SECOND: f64 = 1.5e6;
+const TRIANGLES_PER_SECOND: f64 = 2.6e6;
+/// Seconds of a sample of meshes of a million triangles together; of larger ones they grow with this power of the count.
+const SAMPLE_SECONDS: f64 = 0.75e-6;
+const SAMPLE_POWER: f64 = 0.4;
+/// Seconds of a triangle of the partition, and times as long as in memory, where the original is cut into cells.
+const CUT_SECONDS: f64 = 0.06e-6;
+const IN_CELLS: f64 = 1.2;
+/// Seconds of a certificate for a triangle.
+const CERTIFY_SECONDS: f64 = 1e-6;
 
 impl MeasurePlan {
     /// The forecast of `compare`.
@@ -37,8 +48,18 @@ impl MeasurePlan {
         };
         let second = simplified_bytes(request) > usable_bytes(request) / 3;
         let triangles = sources.map(MeshSource::n_triangles);
-        let seconds = 2.0 * request.options.samples as f64 / SAMPLES_PER_SECOND
-            + triangles.iter().sum::<u64>() as f64 / TRIANGLES_PER_SECOND;
+        let n = triangles.iter().sum::<u64>() as f64;
+        let of_sample = SAMPLE_SECONDS * (n * 1e-6).powf(SAMPLE_POWER);
+        let seconds = 2.0 * request.options.samples as f64 * of_sample + n / TRIANGLES_PER_SECOND;
+        let threads = request.options.threads as f64;
+        let mut stage_seconds = Vec::new();
+        if in_cells {
+            stage_seconds.push(("partition", CUT_SECONDS * n));
+        }
+        stage_seconds.push(("measure", seconds / threads * if in_cells { IN_CELLS } else { 1.0 }));
+        if request.options.certify.is_some() {
+            stage_seconds.push(("certify", CERTIFY_SECONDS * n / threads));
+        }
         MeasurePlan {
             triangles,
             samples: request.options.samples,
@@ -49,7 +70,8 @@ impl MeasurePlan {
                 (true, false) => store(sources[0]),
                 (true, true) => store(sources[0]) + store(sources[1]),
             },
-            seconds: seconds / request.options.threads as f64,
+            seconds: stage_seconds.iter().map(|(_, seconds)| seconds).sum(),
+            stage_seconds,
         }
     }
 }

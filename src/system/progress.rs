@@ -24,7 +24,7 @@ pub struct Progress {
     notes: Mutex<Vec<String>>,
     losses: Mutex<Ledger>,
     board: Mutex<Option<Board>>,
-    expected_seconds: Mutex<Option<f64>>,
+    expected: Mutex<Vec<StageSeconds>>,
 }
 
 /// A file that says how far a run is, for those who look at its job from outside.
@@ -41,6 +41,9 @@ struct Board {
 
 /// Time between two looks at a board that show a change.
 const BOARD_INTERVAL: Duration = Duration::from_millis(500);
+
+/// A stage, and the seconds that a plan expects of it.
+pub type StageSeconds = (&'static str, f64);
 
 /// The stage at work.
 #[derive(Clone, Debug, Default)]
@@ -96,20 +99,21 @@ impl Progress {
         line["stages"] = stage.n_stages.into();
         line["units_done"] = done.into();
         line["units"] = stage.total.into();
+        line["expected"] = serde_json::json!(self.expected());
         line["seconds"] = board.began.elapsed().as_secs_f64().into();
         let text = format!("{line}\n");
         let written = board.file.write_all_at(text.as_bytes(), board.start);
         let _ = written.and_then(|()| board.file.set_len(board.start + text.len() as u64));
     }
 
-    /// Tells how long the plan expects the run to take, for those who show what is left.
-    pub fn expect(&self, seconds: f64) {
-        *self.expected_seconds.lock().unwrap_or_else(PoisonError::into_inner) = Some(seconds);
+    /// Tells the stages that the plan expects, in turn, for those who show what is left.
+    pub fn expect(&self, stages: Vec<StageSeconds>) {
+        *self.expected.lock().unwrap_or_else(PoisonError::into_inner) = stages;
     }
 
-    /// Seconds that the plan expects, if there is one.
-    pub fn expected_seconds(&self) -> Option<f64> {
-        *self.expected_seconds.lock().unwrap_or_else(PoisonError::into_inner)
+    /// The stages that the plan expects; none where there is no plan.
+    pub fn expected(&self) -> Vec<StageSeconds> {
+        self.expected.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Begins the running stage again from 0, with another total, where its first part was counted in other units.

@@ -10,14 +10,15 @@ use crate::pipeline::plan::MANIFEST_BYTES;
 use crate::pipeline::plan::disk::check_space;
 use crate::pipeline::plan::output::output;
 use crate::system::memory::BASE_BYTES;
+use crate::system::progress::StageSeconds;
 use crate::system::units::{show_bytes, show_count, show_length};
 
 /// Speed of a pass of the clustering on one core of the reference machine in triangles/s, and of the decimation on one core
 /// in all, for the expected time only.
-const CLUSTERED_PER_SECOND_PER_CORE: f64 = 1.0e7;
+const CLUSTERED_PER_SECOND_PER_CORE: f64 = 1.5e7;
 const DECIMATED_PER_SECOND: f64 = 0.08e6;
 /// The same of the re-tiling, in triangles of the input.
-const RETILED_PER_SECOND: f64 = 0.15e6;
+const RETILED_PER_SECOND: f64 = 1.3e6;
 
 /// Forecast of a run.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -116,6 +117,16 @@ impl MethodPlan {
             spool_bytes,
             seconds: triangles_in as f64 / per_second,
         })
+    }
+
+    /// The seconds of the stages.
+    pub fn stage_seconds(&self) -> Vec<StageSeconds> {
+        let name = match self.method {
+            "decimate" => "decimate",
+            "retile" => "retile",
+            _ => "cluster",
+        };
+        vec![(name, self.seconds)]
     }
 
     /// Fails where the output would not fit, or its folder does not take files.

@@ -100,7 +100,7 @@ impl<'a> Course<'a> {
     }
 
     /// Triangles before and after each round.
-    fn steps(&self) -> impl Iterator<Item = (u64, u64)> {
+    pub(super) fn steps(&self) -> impl Iterator<Item = (u64, u64)> {
         let befores = std::iter::once(&self.triangles_in).chain(&self.rounds);
         befores.zip(&self.rounds).map(|(&before, &after)| (before, after))
     }

@@ -3,6 +3,7 @@
 pub(super) mod disk;
 mod ledger;
 pub(super) mod output;
+mod piece;
 mod seconds;
 mod steps;
 
@@ -14,6 +15,7 @@ use crate::kernel::MAX_SPECK;
 use crate::mesh::face_properties::FacePropertyPlan;
 use crate::system::memory::BASE_BYTES;
 use crate::system::paths::existing_parent;
+use crate::system::progress::StageSeconds;
 use crate::system::units::{show_bytes, show_count, show_length};
 use ledger::Course;
 pub(super) use ledger::MANIFEST_BYTES;
@@ -62,6 +64,9 @@ pub struct Plan {
     pub together_bytes: u64,
     /// Expected seconds.
     pub seconds: f64,
+    /// The same of each stage in turn.
+    #[serde(skip)]
+    pub stage_seconds: Vec<StageSeconds>,
     /// A new texture, if there is one.
     #[serde(skip)]
     pub bake: Option<BakeNeed>,
@@ -90,7 +95,9 @@ impl Plan {
             return Err(too_little(config, needed, works > tables, usable, works));
         }
         let (triangles_in, target) = (course.triangles_in, course.targets[0]);
-        let written = target.min(triangles_in);
+        let within = piece::share_within_bound(source, config)
+            .map(|share| (share * triangles_in as f64) as u64);
+        let written = within.unwrap_or(0).max(target).min(triangles_in);
         let (mut output_bytes, spool_bytes) =
             output(source, config, course.vertices(written), written)?;
         // Finer levels are there while coarser ones are made.
@@ -116,6 +123,7 @@ impl Plan {
             + n_rounds.saturating_sub(1)
             + course.finishes.iter().flatten().count() as u32
             + course.targets.len() as u32;
+        let stage_seconds = seconds::of_run(&course, source, config);
         Ok(Plan {
             triangles_in,
             target,
@@ -129,7 +137,8 @@ impl Plan {
             output_bytes,
             spool_bytes,
             together_bytes,
-            seconds: seconds::of_run(source, config, triangles_in),
+            seconds: stage_seconds.iter().map(|(_, seconds)| seconds).sum(),
+            stage_seconds,
             bake: None,
             rounds: course.rounds,
         })
@@ -161,7 +170,9 @@ impl Plan {
         self.together_bytes += bytes + n_levels * need.page_bytes;
         self.needed_memory_bytes =
             self.needed_memory_bytes.max(need.least_memory_bytes + BASE_BYTES);
-        self.seconds += n_levels as f64 * need.cpu_seconds / threads.get() as f64;
+        let seconds = need.cpu_seconds / threads.get() as f64;
+        self.seconds += n_levels as f64 * seconds;
+        self.stage_seconds.extend((0..n_levels).map(|_| ("bake", seconds)));
         self.n_stages += n_levels as u32;
         self.bake = Some(need);
     }

@@ -1,21 +1,139 @@
-//! The time that a run will take, about. For the plan alone: the estimate during the run is measured.
+//! The time that a run will take, stage by stage: rates of a reference machine, and a piece of the input that is simplified
+//! on this one.
+//!
+//! A rate holds for clean surfaces without attributes. Surfaces with steps and noise take two to four times as long, and
+//! machines differ; both show when a block of the input goes through the kernel before the run.
 
-use crate::config::Config;
+use super::ledger::Course;
+use super::piece::piece;
+use super::steps::FinishPlan;
+use crate::config::{Config, Target};
+use crate::io::OutputKind;
 use crate::io::ply::MeshSource;
+use crate::kernel::{self, Fit, Options, Stop};
+use crate::pipeline::fit;
+use crate::stages::simplify::pilot_cells;
+use crate::system::progress::StageSeconds;
+use std::time::Instant;
 
-/// End-to-end speed on one core of the reference machine, in triangles a second.
-const TRIANGLES_PER_SECOND: f64 = 1.7e6;
-/// Times as long where vertices carry colours or others that have a weight (legion: 0.76 to 0.94 s for 0.69 M triangles).
-const WITH_PROPERTIES: f64 = 1.6;
-/// Times as long where charts have seams, their way to vertices included (legion 11, `synth rooms` 5 to 17, 100 M of it 10).
-const WITH_SEAMS: f64 = 10.0;
-/// Times as long under `--no-self-intersections` (3.8 to 5.3, the legion 8).
-const APART: f64 = 5.0;
-/// Times as long within a bound on the error (3 to 58; docs/results/bound.md).
+/// Seconds for a million triangles on one core: of passes over a mesh, which gain nothing from a second one.
+const PARTITION: f64 = 0.033;
+const REPARTITION: f64 = 0.062;
+const COMPONENTS: f64 = 0.028;
+const MAP: f64 = 0.097;
+/// Of the output: PLY, OBJ, GLB, STL.
+const WRITE: [f64; 4] = [0.06, 0.23, 0.1, 0.12];
+/// Of cells, for each million of triangles that they have and that go: in the first round and in later ones.
+const CELLS: [[f64; 2]; 2] = [[0.154, 0.109], [0.23, 0.165]];
+/// Of cells that a pilot takes down.
+const PILOT: f64 = 0.2;
+/// Of a finish, likewise, then of each million that a fit moves, and of a record of every step.
+const FINISH: [f64; 2] = [0.2, 0.18];
+const FIT: f64 = 2.0;
+const RECORD: f64 = 1.1;
+/// Of a verified result: for the input, and for the output.
+const VERIFY: [f64; 2] = [1.2, 5.0];
+/// Of the points of the original that `--optimize` moves a result towards, and of a sweep over them.
+const POINTS: f64 = 0.5;
+const SWEEP: f64 = 3.5;
+/// Of pairs, for each million triangles of the result.
+const PAIRS: f64 = 20.0;
+/// Gain of every core after the first.
+const SECOND_CORE: f64 = 0.76;
+/// Times as long where vertices carry colours or others that have a weight.
+const WITH_PROPERTIES: f64 = 1.9;
+/// Times as long where charts have seams, their way to vertices included.
+const WITH_SEAMS: f64 = 8.0;
+/// Times as long under `--no-self-intersections`.
+const APART: f64 = 4.6;
+/// Times as long within a bound on the error (docs/results/bound.md).
 const BOUNDED: f64 = 30.0;
 
-/// Seconds that a run of the collapse takes, without a bake.
-pub(super) fn of_run(source: &MeshSource, config: &Config, n_triangles: u64) -> f64 {
+/// Shorter runs are not worth a piece that is simplified before.
+const SAMPLE_FROM: f64 = 2.0;
+/// Share of its triangles that the piece is brought to.
+const SAMPLE_RATIO: f64 = 0.1;
+/// The piece says at most that much.
+const PACES: std::ops::RangeInclusive<f64> = 0.3..=8.0;
+
+/// The stages of a run with their seconds, without a bake.
+pub(super) fn of_run(course: &Course, source: &MeshSource, config: &Config) -> Vec<StageSeconds> {
+    let million = |triangles: u64| triangles as f64 * 1e-6;
+    let threads = 1.0 + SECOND_CORE * (config.threads.get() - 1) as f64;
+    let times = times(source, config);
+    let mut stages = vec![("partition", PARTITION * million(course.triangles_in))];
+    if config.min_component.is_some() {
+        stages.push(("components", COMPONENTS * million(course.triangles_in)));
+    }
+    for (round, (before, after)) in course.steps().enumerate() {
+        if round > 0 {
+            stages.push(("repartition", REPARTITION * million(before)));
+        }
+        let cell = config.cell_triangles.min(before);
+        let pilot = pilot_cells((before / cell.max(1)) as usize).len() as u64 * cell;
+        let [own, gone] = CELLS[usize::from(round > 0)];
+        let mut seconds = own * million(before) + gone * million(before.saturating_sub(after));
+        // A total that is met exactly takes a trial of all cells.
+        let is_exact = course.finishes[0].is_none() && round + 1 == course.rounds.len();
+        seconds *= if is_exact { 2.0 } else { 1.0 };
+        seconds += PILOT * million(pilot);
+        stages.push((if round == 0 { "simplify" } else { "round" }, times * seconds / threads));
+    }
+    for (finish, &target) in course.finishes.iter().zip(&course.targets) {
+        let target = target.min(course.triangles_in);
+        if let Some(finish) = finish {
+            stages.push(("finish", times * of_finish(finish, course, config)));
+        }
+        let rate = match config.format.kind_of(&config.output) {
+            OutputKind::Ply => WRITE[0],
+            OutputKind::Obj => WRITE[1],
+            OutputKind::Glb => WRITE[2],
+            OutputKind::Stl => WRITE[3],
+        };
+        stages.push(("write", rate * million(target)));
+    }
+    if config.map.is_some() {
+        stages.insert(stages.len() - 1, ("map", MAP * million(course.triangles_in)));
+    }
+    if config.checks.verify {
+        let [input, output] = VERIFY;
+        let seconds = input * million(course.triangles_in) + output * million(course.targets[0]);
+        stages.push(("measure", 0.6 * seconds / threads));
+        stages.push(("certify", 0.4 * seconds / threads));
+    }
+    let [input, output] = [course.triangles_in, course.targets[0]].map(million);
+    if let Some(sweeps) = config.optimize {
+        let write = stages.last().copied();
+        stages.push(("points", POINTS * input));
+        stages.push(("optimize", SWEEP * input * f64::from(sweeps)));
+        stages.extend(write);
+    }
+    if config.pairs {
+        let shape = stages.clone();
+        stages.push(("pairs", PAIRS * output));
+        stages.extend(shape);
+    }
+    let all: f64 = stages.iter().map(|(_, seconds)| seconds).sum();
+    if all > SAMPLE_FROM {
+        let pace = pace(source).unwrap_or(1.0);
+        stages.iter_mut().for_each(|(_, seconds)| *seconds *= pace);
+    }
+    stages
+}
+
+fn of_finish(finish: &FinishPlan, course: &Course, config: &Config) -> f64 {
+    let before = finish.before as f64 * 1e-6;
+    let after = finish.after.min(finish.before) as f64 * 1e-6;
+    let [own, gone] = FINISH;
+    let seconds = own * before + gone * (before - after);
+    let is_fitted = fit::decided(config, course.triangles_in, finish.after) == Fit::On;
+    seconds
+        + if is_fitted { FIT * after } else { 0.0 }
+        + if config.progressive.is_some() { RECORD * before } else { 0.0 }
+}
+
+/// Times as long as a clean surface without attributes.
+fn times(source: &MeshSource, config: &Config) -> f64 {
     let schema = source.schema();
     let mut times = match (schema.codec().has_seams(schema), schema.properties.is_empty()) {
         (true, _) => WITH_SEAMS,
@@ -25,8 +143,22 @@ pub(super) fn of_run(source: &MeshSource, config: &Config, n_triangles: u64) -> 
     if config.kernel.no_self_intersections {
         times *= APART;
     }
-    if config.kernel.bound.is_some() {
+    if config.kernel.bound.is_some() || matches!(config.target, Target::MaxError(_)) {
         times *= BOUNDED;
     }
-    times * n_triangles as f64 / (TRIANGLES_PER_SECOND * config.threads.get() as f64)
+    times
+}
+
+/// Times as long as on the reference machine a piece of the input takes, by its shape alone. `None` where it says nothing.
+fn pace(source: &MeshSource) -> Option<f64> {
+    let mesh = piece(source, source.n_face_blocks() / 2)?;
+    let n = mesh.triangles.len() as f64;
+    let stop = Stop::Triangles((n * SAMPLE_RATIO) as u64);
+    let options = Options { stop, fit: Fit::Off, ..Options::default() };
+    let locked = vec![false; mesh.positions.len()];
+    let began = Instant::now();
+    kernel::simplify_mesh(mesh, &locked, &options);
+    let [own, gone] = FINISH;
+    let expected = (own + gone * (1.0 - SAMPLE_RATIO)) * n * 1e-6;
+    Some((began.elapsed().as_secs_f64() / expected).clamp(*PACES.start(), *PACES.end()))
 }

@@ -20,6 +20,7 @@ use crate::store::job::fingerprint::{input_marks, marks_beside, unchanged};
 use crate::store::job::view;
 use crate::system::disk::{Disk, folder_of, is_empty};
 use crate::system::memory::BASE_BYTES;
+use crate::system::progress::StageSeconds;
 use crate::system::units::{memory_word, show_bytes, show_count};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -101,6 +102,10 @@ const SECONDS_WITH_PROPERTIES: f64 = 5e-6;
 const SECONDS_WITH_TEXTURE: f64 = 7e-6;
 /// Processor seconds of pages: for a triangle of the tiles (staged, cut, put into charts), and for a pixel of the images.
 const PAGE_SECONDS: [f64; 2] = [5e-6, 0.65e-6];
+
+/// Share of the time that the partition takes, and that of a round of the one before it.
+const PARTITION_SHARE: f64 = 0.05;
+const ROUND_SHARE: f64 = 0.45;
 
 /// Forecast of a run.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -296,6 +301,18 @@ impl TilesPlan {
             output_bytes: output as u64 + if textured { (PAGE_BYTES * all) as u64 } else { 0 },
             seconds: seconds / config.threads.get() as f64,
         })
+    }
+
+    /// The seconds of the stages of the shape.
+    pub fn stage_seconds(&self) -> Vec<StageSeconds> {
+        let shares = || (0..self.levels as i32).map(|round| ROUND_SHARE.powi(round));
+        let all: f64 = shares().sum();
+        let mut stages = vec![("partition", PARTITION_SHARE * self.seconds)];
+        stages.extend(shares().enumerate().map(|(round, share)| {
+            let seconds = (1.0 - PARTITION_SHARE) * self.seconds * share / all;
+            (if round == 0 { "simplify" } else { "round" }, seconds)
+        }));
+        stages
     }
 
     /// The plan for people, one fact a line.
