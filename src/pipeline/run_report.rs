@@ -298,11 +298,10 @@ pub struct RunReport {
     pub rounds: u32,
     /// In the order in which they ran.
     pub stages: Vec<StageReport>,
-    /// Wall time of this run from the opened input to the written output, `--verify` included. A run that continues an earlier
-    /// one counts its own time only.
+    /// Wall time from the opened input to the written output, `--verify` included. A run that continues an earlier one counts
+    /// the stages that were done before, but not the part of a stage that is done again.
     pub seconds: f64,
-    /// Triangles of the input over `seconds`, without the time of `--verify`; of a run that continues an earlier one, over the
-    /// time of all stages.
+    /// Triangles of the input over `seconds`, without the time of `--verify`.
     pub triangles_per_second: f64,
     /// Peak resident memory of the process, in bytes.
     pub peak_memory_bytes: u64,

@@ -15,11 +15,13 @@ pub(super) struct SealedStages<'a> {
     pub(super) reports: Vec<StageReport>,
     /// Stages that are expected.
     n_stages: u32,
+    /// Seconds of stages that earlier processes have done.
+    earlier_seconds: f64,
 }
 
 impl<'a> SealedStages<'a> {
     pub(super) fn new(run: StageContext<'a>, n_stages: u32) -> Self {
-        SealedStages { run, reports: Vec::new(), n_stages }
+        SealedStages { run, reports: Vec::new(), n_stages, earlier_seconds: 0.0 }
     }
 
     /// The most bytes of temporary files at one time, before an interruption too.
@@ -28,10 +30,10 @@ impl<'a> SealedStages<'a> {
         self.reports.iter().map(|report| report.peak_temp_bytes).fold(own, u64::max)
     }
 
-    /// Triangles of the input for each second of the stages, before an interruption too; `seconds` are those of this run.
-    pub(super) fn rate(&self, n_triangles: u64, seconds: f64) -> f64 {
-        let of_stages: f64 = self.reports.iter().map(|report| report.seconds).sum();
-        n_triangles as f64 / seconds.max(of_stages).max(1e-9)
+    /// Seconds since `started`, and those of the stages that earlier processes have done; triangles of the input for each of them.
+    pub(super) fn seconds(&self, started: Instant, n_triangles: u64) -> (f64, f64) {
+        let seconds = started.elapsed().as_secs_f64() + self.earlier_seconds;
+        (seconds, n_triangles as f64 / seconds.max(1e-9))
     }
 
     /// Announces a stage that counts up to `total`.
@@ -53,7 +55,11 @@ impl<'a> SealedStages<'a> {
         self.begin(name, triangles_in);
         run.progress.check()?;
         let (outcome, report): (T, StageReport) = match run.job.outcome(key)? {
-            Some(done) => done,
+            Some(done) => {
+                let (_, report): &(T, StageReport) = &done;
+                self.earlier_seconds += report.seconds;
+                done
+            }
             None => {
                 let (disk, start) = (run.disk(), Instant::now());
                 let (read, written) = (disk.bytes_read(), disk.bytes_written());

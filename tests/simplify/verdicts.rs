@@ -64,6 +64,7 @@ fn a_run_that_was_continued_reports_all_of_its_time_and_disk() {
     let n = report["input"]["triangles"].as_f64().unwrap();
     let rate = report["triangles_per_second"].as_f64().unwrap();
     assert!(rate * seconds <= 1.001 * n, "{rate} for {seconds} s");
+    assert!(report["seconds"].as_f64().unwrap() >= 0.999 * seconds, "{report}");
 }
 
 /// A run that goes farther sees other surfaces on its way than those at which shorter runs end.

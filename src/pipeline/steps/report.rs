@@ -38,7 +38,7 @@ impl SimplifyRun<'_> {
     pub(super) fn report(&mut self) -> RunReport {
         let levels = std::mem::take(&mut self.levels);
         let (config, source, partition) = (self.config, &self.prepared.source, &self.partition);
-        let seconds = self.started.elapsed().as_secs_f64();
+        let (seconds, rate) = self.stages.seconds(self.started, source.n_triangles());
         let coarsest = levels.last().cloned().unwrap_or_default();
         let has_seams = self.layout.codec.has_seams(source.schema());
         let n_materials = source.materials().map_or(0, |materials| materials.list.len());
@@ -54,7 +54,7 @@ impl SimplifyRun<'_> {
             cells: partition.store.cells.len() as u32,
             rounds: self.rounds_done,
             seconds,
-            triangles_per_second: self.stages.rate(source.n_triangles(), seconds),
+            triangles_per_second: rate,
             peak_memory_bytes: crate::system::memory::peak_bytes(),
             peak_temp_bytes: self.stages.peak_temp_bytes(),
             output: OutputReport {

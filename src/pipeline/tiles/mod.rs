@@ -230,13 +230,10 @@ fn run(
     let set = pending.join(FILE_NAME);
     let text = std::fs::read(&set).map_err(|e| Error::reading(&set, "cannot read", e))?;
     let n_triangles = source.n_triangles();
-    let (peak_temp_bytes, rate) = (
-        stages.stages.peak_temp_bytes(),
-        stages.stages.rate(n_triangles, started.elapsed().as_secs_f64()),
-    );
+    let peak_temp_bytes = stages.stages.peak_temp_bytes();
+    let (seconds, rate) = stages.stages.seconds(started, n_triangles);
     let reports = stages.stages.reports;
     let level_reports = level_reports(&rounds, &top, &deviations, config.tile_triangles);
-    let seconds = started.elapsed().as_secs_f64();
     let dropped = stages.dropped;
     let mut losses = source.losses();
     of_world.into_iter().for_each(|loss| losses.lose(loss));
