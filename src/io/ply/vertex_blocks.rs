@@ -100,6 +100,11 @@ impl MeshSource {
         }
     }
 
+    /// True if every vertex is found where its number says, without a pass over the file before.
+    pub fn has_even_vertices(&self) -> bool {
+        matches!(self.layout.vertices, VertexLayout::Fixed { .. })
+    }
+
     /// Random access to positions as they stand in the file, before they are placed.
     pub fn positions(&self) -> Result<Lookup<'_>> {
         self.lookup()

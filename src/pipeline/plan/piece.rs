@@ -15,6 +15,9 @@ const BOUNDED_FROM: u64 = 100_000;
 
 /// The first triangles of a block of faces as a mesh; `None` where they are few, do not hang together, or cannot be read.
 pub(super) fn piece(source: &MeshSource, block: u64) -> Option<Mesh> {
+    if block >= source.n_face_blocks() || !source.has_even_vertices() {
+        return None;
+    }
     let mut faces = FaceBlock::default();
     source.read_faces(block, &mut faces).ok()?;
     let mut lookup = source.positions().ok()?;
