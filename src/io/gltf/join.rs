@@ -2,8 +2,10 @@
 //!
 //! Sorts as for STL: by place, colour and texture coordinates, by the first vertex of each, and by vertex for the
 //! faces; joined vertices keep the order of the first. Charts stay apart: positions are often rounded, and joining
-//! all that is in one place then ties sheets together that only lie close (docs/design/textures.md).
+//! all that is in one place then ties sheets together that only lie close (docs/design/textures.md). A mesh that fits into the
+//! memory is joined there (`held`), to the same bytes.
 
+use super::held::Held;
 use crate::external_sort::{ExternalSort, halves, whole};
 use crate::names::OBJECT;
 use crate::open_options::StageOptions;
@@ -12,6 +14,7 @@ use stonecut_mesh::property::Scalar;
 use stonecut_system::error::Result;
 
 /// A vertex of the input in its place.
+#[derive(Clone, Copy)]
 pub(super) struct VertexRow {
     pub(super) position: [f64; 3],
     pub(super) colour: [u8; 4],
@@ -37,12 +40,14 @@ pub(super) struct FaceParts {
 
 /// Vertices and faces on their way.
 ///
-/// Memory: a third of the stage's for each sort. Disk at peak: 112 bytes a vertex and 16 more, 40 a corner.
+/// Memory: that of the stage, or a third of it for each sort. Disk at peak: 112 bytes a vertex and 16 more, 40 a corner.
 pub(super) struct Joiner<'a> {
     options: &'a StageOptions,
     has_colour: bool,
     has_normal: bool,
     has_alpha: bool,
+    /// All of it, as long as it fits into the memory; then the sorts.
+    held: Option<Held>,
     by_place: ExternalSort<BY_PLACE>,
     uvs: Spool,
     n_vertices: u64,
@@ -63,6 +68,7 @@ impl<'a> Joiner<'a> {
             has_colour,
             has_normal,
             has_alpha: false,
+            held: Some(Held::new(options.memory_bytes)),
             by_place: options.sort(memory_bytes(options)),
             uvs: options.spool(),
             n_vertices: 0,
@@ -85,12 +91,35 @@ impl<'a> Joiner<'a> {
             (self.low[axis], self.high[axis]) = (self.low[axis].min(x), self.high[axis].max(x));
         }
         self.has_alpha |= row.colour[3] != 255;
+        self.n_vertices += 1;
+        match &mut self.held {
+            Some(held) if held.has_room() => {
+                held.vertices.push(*row);
+                return Ok(());
+            }
+            _ => self.spill()?,
+        }
+        self.sort_vertex(self.n_vertices - 1, row)
+    }
+
+    /// Gives what is held to the sorts.
+    fn spill(&mut self) -> Result<()> {
+        let Some(held) = self.held.take() else { return Ok(()) };
+        for (number, row) in (0..).zip(&held.vertices) {
+            self.sort_vertex(number, row)?;
+        }
+        for (face, corners) in (0..).zip(&held.corners) {
+            self.sort_face(face, corners.map(u64::from))?;
+        }
+        Ok(())
+    }
+
+    fn sort_vertex(&mut self, number: u64, row: &VertexRow) -> Result<()> {
         // Adding 0 makes -0 and 0 the same place.
         let [x, y, z] = row.position.map(|x| halves((x + 0.0).to_bits()));
         let [a, b, c] = row.normal.map(f32::to_bits);
         let [u, v] = row.uv.map(|x| (x + 0.0).to_bits());
-        let n = halves(self.n_vertices);
-        self.n_vertices += 1;
+        let n = halves(number);
         self.uvs.write(row.uv.map(f32::to_le_bytes).as_flattened())?;
         let colour = u32::from_le_bytes(row.colour);
         self.by_place.push([x[0], x[1], y[0], y[1], z[0], z[1], colour, u, v, n[0], n[1], a, b, c])
@@ -98,13 +127,26 @@ impl<'a> Joiner<'a> {
 
     /// Takes a face with the numbers of its material and of its name.
     pub(super) fn put_face(&mut self, corners: [u64; 3], labels: [i32; 2]) -> Result<()> {
-        for (k, vertex) in corners.into_iter().enumerate() {
-            let ([high, low], [c, d]) = (halves(vertex), halves(3 * self.n_faces + k as u64));
-            self.by_vertex.push([high, low, c, d])?;
-        }
         self.n_faces += 1;
         let bytes = labels.map(i32::to_le_bytes);
-        self.labels.write(&bytes.as_flattened()[..self.label_bytes()])
+        self.labels.write(&bytes.as_flattened()[..self.label_bytes()])?;
+        match &mut self.held {
+            // A mesh in memory has fewer vertices than 32 bits can number.
+            Some(held) if held.has_room() => {
+                held.corners.push(corners.map(|vertex| vertex as u32));
+                return Ok(());
+            }
+            _ => self.spill()?,
+        }
+        self.sort_face(self.n_faces - 1, corners)
+    }
+
+    fn sort_face(&mut self, face: u64, corners: [u64; 3]) -> Result<()> {
+        for (k, vertex) in corners.into_iter().enumerate() {
+            let ([high, low], [c, d]) = (halves(vertex), halves(3 * face + k as u64));
+            self.by_vertex.push([high, low, c, d])?;
+        }
+        Ok(())
     }
 
     /// Bytes of the labels of a face.
@@ -120,7 +162,7 @@ impl<'a> Joiner<'a> {
     }
 
     /// The joined mesh as a PLY.
-    pub(super) fn finish(self, name: &RawFile) -> Result<RawFile> {
+    pub(super) fn finish(mut self, name: &RawFile) -> Result<RawFile> {
         let (options, coordinate) = (self.options, self.coordinate());
         let (has, label_bytes) = (self.has, self.label_bytes());
         let (n_old, n_faces) = (self.n_vertices, self.n_faces);
@@ -129,8 +171,22 @@ impl<'a> Joiner<'a> {
             colour: self.has_colour,
             alpha: self.has_alpha,
             normal: self.has_normal,
-            comments: self.comments,
+            comments: std::mem::take(&mut self.comments),
         };
+        if let Some(held) = self.held.take() {
+            let Held { vertices, corners, .. } = &held;
+            let joined = held.join();
+            let mut out = options.spool();
+            out.write(extras.header(joined.len() as u64, n_faces, (false, has)).as_bytes())?;
+            joined.iter().try_for_each(|open| out.write(&open.row(&extras)))?;
+            let labels = self.labels.finish(name.path())?;
+            let mut faces = Faces::new(&labels, (has, label_bytes), false);
+            for corner in corners.as_flattened() {
+                let uv = vertices[*corner as usize].uv.map(f32::to_bits);
+                faces.add(held.id(*corner), uv, &mut out)?;
+            }
+            return out.finish(name.path());
+        }
         let mut by_first = options.sort::<BY_FIRST>(memory_bytes(options));
         let mut last: Option<([u32; 9], [u32; 2])> = None;
         self.by_place.drain(|record| {
@@ -194,36 +250,58 @@ impl<'a> Joiner<'a> {
         out.write(extras.header(n_vertices, n_faces, (is_wide, has)).as_bytes())?;
         out.append_file(&vertices.finish(name.path())?)?;
         let labels = self.labels.finish(name.path())?;
-        let (mut row, mut texture, mut face) = (vec![3u8], Vec::new(), 0u64);
-        let mut numbers = vec![0u8; 1 << 16];
-        by_corner.drain(|[_, _, high, low, u, v]| {
-            match is_wide {
-                true => row.extend_from_slice(&whole(high, low).to_le_bytes()),
-                false => row.extend_from_slice(&low.to_le_bytes()),
-            }
-            texture.extend_from_slice([u, v].map(u32::to_le_bytes).as_flattened());
-            if texture.len() < 24 {
-                return Ok(());
-            }
-            if has.texture {
-                row.push(6);
-                row.extend_from_slice(&texture);
-            }
-            let place = label_bytes as u64 * face;
-            let at = (place % numbers.len() as u64) as usize;
-            if at == 0 {
-                let n = labels.read_at_most(&mut numbers, place)?;
-                debug_assert!(n >= label_bytes, "labels for every face");
-            }
-            let from = if has.numbers { at } else { at + 4 };
-            row.extend_from_slice(&numbers[from..at + label_bytes]);
-            out.write(&row)?;
-            row.truncate(1);
-            texture.clear();
-            face += 1;
-            Ok(())
-        })?;
+        let mut faces = Faces::new(&labels, (has, label_bytes), is_wide);
+        by_corner.drain(|[_, _, high, low, u, v]| faces.add(whole(high, low), [u, v], &mut out))?;
         out.finish(name.path())
+    }
+}
+
+/// Rows of faces, put together corner by corner.
+struct Faces<'a> {
+    labels: &'a RawFile,
+    has: FaceParts,
+    label_bytes: usize,
+    is_wide: bool,
+    row: Vec<u8>,
+    texture: Vec<u8>,
+    face: u64,
+    /// Labels that are at hand.
+    numbers: Vec<u8>,
+}
+
+impl<'a> Faces<'a> {
+    fn new(labels: &'a RawFile, (has, label_bytes): (FaceParts, usize), is_wide: bool) -> Self {
+        let (row, texture, numbers) = (vec![3u8], Vec::new(), vec![0u8; 1 << 16]);
+        Faces { labels, has, label_bytes, is_wide, row, texture, face: 0, numbers }
+    }
+
+    /// Takes a corner: its vertex, and the bits of its texture coordinates; writes the face with its last one.
+    fn add(&mut self, id: u64, uv: [u32; 2], out: &mut Spool) -> Result<()> {
+        match self.is_wide {
+            true => self.row.extend_from_slice(&id.to_le_bytes()),
+            false => self.row.extend_from_slice(&(id as u32).to_le_bytes()),
+        }
+        self.texture.extend_from_slice(uv.map(u32::to_le_bytes).as_flattened());
+        if self.texture.len() < 24 {
+            return Ok(());
+        }
+        if self.has.texture {
+            self.row.push(6);
+            self.row.extend_from_slice(&self.texture);
+        }
+        let place = self.label_bytes as u64 * self.face;
+        let at = (place % self.numbers.len() as u64) as usize;
+        if at == 0 {
+            let n = self.labels.read_at_most(&mut self.numbers, place)?;
+            debug_assert!(n >= self.label_bytes, "labels for every face");
+        }
+        let from = if self.has.numbers { at } else { at + 4 };
+        self.row.extend_from_slice(&self.numbers[from..at + self.label_bytes]);
+        out.write(&self.row)?;
+        self.row.truncate(1);
+        self.texture.clear();
+        self.face += 1;
+        Ok(())
     }
 }
 
@@ -252,7 +330,7 @@ impl Words<'_> {
 }
 
 /// A joined vertex that gathers the normals of those in its place.
-struct Open {
+pub(super) struct Open {
     first: u64,
     position: [f64; 3],
     colour: [u8; 4],
@@ -265,7 +343,13 @@ impl Open {
         Open { first, position, colour: record[13].to_le_bytes(), normal: [0.0; 3] }
     }
 
-    fn add(&mut self, normal: [u32; 3]) {
+    /// The vertex of this number, the first in its place.
+    pub(super) fn of(first: u64, row: &VertexRow) -> Open {
+        let position = row.position.map(|x| x + 0.0);
+        Open { first, position, colour: row.colour, normal: [0.0; 3] }
+    }
+
+    pub(super) fn add(&mut self, normal: [u32; 3]) {
         for (sum, bits) in self.normal.iter_mut().zip(normal) {
             *sum += f64::from(f32::from_bits(bits));
         }

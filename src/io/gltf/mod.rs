@@ -4,6 +4,7 @@ mod buffers;
 mod document;
 mod draco;
 mod elements;
+mod held;
 mod instances;
 mod join;
 mod json;
