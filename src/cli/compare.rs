@@ -76,6 +76,12 @@ impl Command for Args {
 }
 
 impl Args {
+    /// Memory and threads for the page.
+    fn resources(&self) -> Resources {
+        let threads = threads(self.threads).get();
+        Resources { memory_bytes: memory_budget(self.memory), threads }
+    }
+
     /// The folder of the results while they are needed.
     fn folder(&self) -> PathBuf {
         let mut name = self.output.file_name().unwrap_or_default().to_owned();
@@ -86,10 +92,7 @@ impl Args {
 
 /// Makes the page.
 fn make(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
-    let pictures = Resources {
-        memory_bytes: memory_budget(args.memory),
-        threads: threads(args.threads).get(),
-    };
+    let pictures = args.resources();
     // The page would fail over its pictures after all the work.
     let of_images = super::arguments::open_mesh(&args.input, folder_of(&args.output), args.memory)
         .and_then(|source| hold_pictures([&source], pictures));
@@ -175,11 +178,7 @@ fn page(args: &Args, folder: &Path, progress: &Progress, log: &mut Log) -> Resul
     if let (true, Some(refusal)) = (contenders.is_empty(), first_refusal) {
         return Err(refusal);
     }
-    let resources = Resources {
-        memory_bytes: memory_budget(args.memory),
-        threads: threads(args.threads).get(),
-    };
-    comparison_html(&args.input, (&contenders, &absent), folder, resources, progress)
+    comparison_html(&args.input, (&contenders, &absent), folder, args.resources(), progress)
 }
 
 /// The words for memory and threads.

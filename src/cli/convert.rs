@@ -204,15 +204,10 @@ impl Ready {
         let mut finder = look.then(|| DuplicateFinder::new(&temp_dir, sort_bytes(memory_bytes)));
         let (inputs, weld) = (source.parts().to_vec(), source.weld().cloned());
         let mut done = Converted { inputs, weld, ..Converted::default() };
-        let used = if source.n_face_rows() == 0 || args.keep_unreferenced {
-            let mut used = Used::all(source.n_vertices());
-            used.survey(&source, finder.as_mut(), &mut done, progress)?;
-            used
-        } else {
-            let mut used = Used::none(source.n_vertices());
-            used.survey(&source, finder.as_mut(), &mut done, progress)?;
-            used
-        };
+        let keeps_all = source.n_face_rows() == 0 || args.keep_unreferenced;
+        let start = if keeps_all { Used::all } else { Used::none };
+        let mut used = start(source.n_vertices());
+        used.survey(&source, finder.as_mut(), &mut done, progress)?;
         let duplicates = match finder {
             Some(finder) => finder.finish()?,
             None => Duplicates::default(),

@@ -172,36 +172,8 @@ fn floats(path: &Path) -> (Vec<String>, Vec<Vec<f32>>, Vec<[usize; 3]>) {
 /// A sphere of 20 * 4^5 triangles with normals of length 1 but for every fifth, and a scalar.
 fn sphere(path: &Path) {
     let mut bytes = Vec::new();
-    let n = 100usize;
-    let (rows, columns) = (n, 2 * n);
-    let mut points = vec![[0.0, 0.0, 1.0f64]];
-    for i in 1..rows {
-        for j in 0..columns {
-            let (a, b) = (
-                std::f64::consts::PI * i as f64 / rows as f64,
-                std::f64::consts::TAU * j as f64 / columns as f64,
-            );
-            points.push([a.sin() * b.cos(), a.sin() * b.sin(), a.cos()]);
-        }
-    }
-    points.push([0.0, 0.0, -1.0]);
-    let south = points.len() - 1;
-    let id = |i: usize, j: usize| match i {
-        0 => 0,
-        i if i == rows => south,
-        i => 1 + (i - 1) * columns + j % columns,
-    };
-    let mut faces = Vec::new();
-    for i in 0..rows {
-        for j in 0..columns {
-            let [a, b, c, d] = [id(i, j), id(i + 1, j), id(i + 1, j + 1), id(i, j + 1)];
-            faces.extend(
-                [[a, b, c], [a, c, d]]
-                    .into_iter()
-                    .filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]),
-            );
-        }
-    }
+    let (points, faces) = crate::faces::sphere(100);
+    let points: Vec<_> = points.into_iter().map(|p| p.map(|x| x / 10.0)).collect();
     bytes.extend(
         format!(
             "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\n\

@@ -1,20 +1,13 @@
 //! The command line end to end: standard input and output, progress as JSON, the log, the demo, merging.
 
-use crate::common::{check, count, expect, json, scratch, stonecut};
+use crate::common::{check, count, expect, json, scratch, start};
 use std::io::Write;
 use std::path::Path;
-use std::process::{Output, Stdio};
+use std::process::Output;
 
 /// Runs the command with `input` on standard input.
 fn piped(folder: &Path, arguments: &str, input: &[u8]) -> Output {
-    let mut child = stonecut()
-        .current_dir(folder)
-        .args(arguments.split_whitespace())
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = start(folder, arguments);
     let (mut stdin, input) = (child.stdin.take().unwrap(), input.to_vec());
     // A command that ends early closes its end; what it says then is the test's business.
     let writer = std::thread::spawn(move || drop(stdin.write_all(&input)));

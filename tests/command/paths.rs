@@ -1,7 +1,7 @@
 //! Every command and option that takes a path, against every kind of bad path: refused with the documented exit
 //! code, before any work, and nothing on the disk is touched. docs/design/paths.md has the rules.
 
-use crate::common::{expect, run, scratch, stonecut};
+use crate::common::{expect, run, scratch, start, stonecut};
 use std::collections::BTreeMap;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
@@ -376,13 +376,7 @@ fn outputs_of_one_name_share_a_folder_for_temporary_data() {
 fn a_pipe_that_is_closed_ends_the_command_without_a_word() {
     let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 200k", 0);
-    let mut child = stonecut()
-        .current_dir(at)
-        .args(["convert", "in.ply", "-"])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = start(at, "convert in.ply -");
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(141));

@@ -2,10 +2,11 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
 
+use crate::common::start;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::Child;
 
 struct Served {
     child: Child,
@@ -20,12 +21,7 @@ impl Drop for Served {
 }
 
 fn serve(folder: &Path) -> Served {
-    let mut child = crate::common::stonecut()
-        .args(["serve", "--port", "0"])
-        .arg(folder)
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = start(folder, &format!("serve {} --port 0", folder.display()));
     let mut line = String::new();
     BufReader::new(child.stderr.take().unwrap()).read_line(&mut line).unwrap();
     let address = line.split('/').nth(2).unwrap().to_owned();
@@ -210,12 +206,7 @@ fn a_part_of_a_file_that_has_changed_comes_as_the_whole_file() {
 #[test]
 fn a_folder_that_the_network_can_read_is_announced_as_such() {
     let folder = tempfile::tempdir().unwrap();
-    let mut child = crate::common::stonecut()
-        .args(["serve", "--port", "0", "--address", "0.0.0.0"])
-        .arg(folder.path())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = start(folder.path(), "serve . --port 0 --address 0.0.0.0");
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
     let said: Vec<String> = lines.by_ref().take(2).map(Result::unwrap).collect();
     let _ = child.kill();

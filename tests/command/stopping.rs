@@ -1,10 +1,10 @@
 //! Signals, limits and deaths: every command stops when it is asked to, whatever it waits for, and leaves nothing.
 
-use crate::common::{expect, run, scratch, stonecut};
+use crate::common::{expect, run, scratch, start};
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Output};
 use std::time::{Duration, Instant};
 
 fn names(folder: &Path) -> BTreeSet<String> {
@@ -61,14 +61,7 @@ fn every_command_obeys_a_signal_while_it_waits() {
         "report run.json -o -",
     ] {
         for (name, code) in [("-INT", 130), ("-TERM", 143)] {
-            let mut child = stonecut()
-                .current_dir(at)
-                .args(arguments.split(' '))
-                .stdin(Stdio::piped())
-                .stdout(Stdio::piped())
-                .stderr(Stdio::piped())
-                .spawn()
-                .unwrap();
+            let mut child = start(at, arguments);
             let mut input = child.stdin.take().unwrap();
             input.write_all(b"ply\nformat").unwrap();
             wait_for_handler(&child);
@@ -93,12 +86,7 @@ fn a_conversion_stops_whenever_it_is_asked_to() {
     let before = names(at);
     let mut stopped = 0;
     for wait_ms in [0, 30, 100, 200, 400] {
-        let child = stonecut()
-            .current_dir(at)
-            .args(["convert", "in.ply", "o.obj", "-q"])
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let child = start(at, "convert in.ply o.obj -q");
         wait_for_handler(&child);
         std::thread::sleep(Duration::from_millis(wait_ms));
         signal(&child, "-TERM");
@@ -126,13 +114,7 @@ fn nothing_is_left_by_a_kill() {
         "measure in.ply in.ply --memory 100MiB",
     ] {
         for wait_ms in [0, 100, 300] {
-            let mut child = stonecut()
-                .current_dir(at)
-                .args(arguments.split(' '))
-                .stdout(Stdio::null())
-                .stderr(Stdio::null())
-                .spawn()
-                .unwrap();
+            let mut child = start(at, arguments);
             wait_for_handler(&child);
             std::thread::sleep(Duration::from_millis(wait_ms));
             child.kill().unwrap();
@@ -239,12 +221,7 @@ fn no_trial_outlives_its_job() {
     let at = &scratch();
     expect(at, "synth statue in.ply --triangles 100k", 0);
     std::fs::write(at.join("o.trial-10000.ply"), "precious").unwrap();
-    let child = stonecut()
-        .current_dir(at)
-        .args("simplify in.ply o.ply --max-error 1e-4 -q".split(' '))
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let child = start(at, "simplify in.ply o.ply --max-error 1e-4 -q");
     wait_for_handler(&child);
     while !at.join("o.ply.stonecut-job/trials").exists() {
         std::thread::sleep(Duration::from_millis(2));

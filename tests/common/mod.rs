@@ -8,7 +8,7 @@ pub mod meshes;
 pub mod volume;
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 use stonecut::config::{Config, Target, Texture};
 use stonecut::io::ply::{OutputHeader, PlyWriter};
 use stonecut::mesh::property::Scalar;
@@ -52,6 +52,14 @@ pub fn stonecut() -> Command {
 /// Runs the command with arguments separated by blanks, in `folder`.
 pub fn run(folder: &Path, arguments: &str) -> Output {
     stonecut().current_dir(folder).args(arguments.split_whitespace()).output().expect("runs")
+}
+
+/// Starts the command in `folder`, with pipes to and from it.
+pub fn start(folder: &Path, arguments: &str) -> Child {
+    let mut command = stonecut();
+    command.current_dir(folder).args(arguments.split_whitespace());
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command.spawn().expect("runs")
 }
 
 /// Runs the command and insists on its exit code; gives back standard error.

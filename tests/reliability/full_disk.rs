@@ -4,7 +4,7 @@
 //! exit code and names the remedy; once there is room again the same command ends with the reference bytes.
 
 use crate::common::volume::Volume;
-use crate::common::{expect, stonecut};
+use crate::common::{expect, start};
 use std::path::{Path, PathBuf};
 
 struct Bench {
@@ -82,12 +82,7 @@ fn a_disk_that_fills_during_the_run_stops_it() {
     let mut stopped = 0;
     // The disk fills as soon as this file is there: at the start, while cells are written, and in the first round.
     for begun in ["manifest.jsonl", "round-0.cells", "round-0.survivors"] {
-        let mut run = stonecut()
-            .current_dir(bench.folder.path())
-            .args(command(&output).split(' '))
-            .stderr(std::process::Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut run = start(bench.folder.path(), &command(&output));
         let begun = volume.path().join("out.ply.stonecut-job").join(begun);
         while !begun.exists() && run.try_wait().unwrap().is_none() {
             std::thread::yield_now();

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // Figures.
 
-use crate::common::{expect, run, scratch};
+use crate::common::{expect, run, scratch, start};
 use std::path::Path;
 
 /// The size that a refusal names.
@@ -233,12 +233,7 @@ fn a_tile_is_worth_no_more_memory_than_its_share() {
 
 /// Runs a command and returns its exit code, its words and the most memory that it was seen to have had, in bytes.
 fn watched(folder: &Path, command: &str) -> (i32, String, u64) {
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_stonecut"))
-        .current_dir(folder)
-        .args(command.split_whitespace())
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = start(folder, command);
     let status = format!("/proc/{}/status", child.id());
     let mut peak = 0;
     while child.try_wait().unwrap().is_none() {

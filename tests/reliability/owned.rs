@@ -1,7 +1,7 @@
 //! Names that a command may replace or remove: those that it has written itself, nothing that appeared meanwhile, nothing in a
 //! folder of others.
 
-use crate::common::{expect, scratch, stonecut};
+use crate::common::{expect, scratch, start, stonecut};
 use crate::populated::snapshot;
 use std::io::Write;
 use std::os::unix::fs::{PermissionsExt, symlink};
@@ -314,14 +314,7 @@ fn what_appears_while_the_input_comes_in_is_not_replaced() {
         ("tiles - t -q", "t"),
         ("render - -o o.png --size 9x9", "o.png"),
     ] {
-        let mut child = stonecut()
-            .current_dir(at)
-            .args(command.split(' '))
-            .stdin(Stdio::piped())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
+        let mut child = start(at, command);
         let mut pipe = child.stdin.take().unwrap();
         pipe.write_all(first).unwrap();
         std::fs::write(at.join(name), "mine").unwrap();
