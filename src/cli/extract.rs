@@ -82,7 +82,40 @@ impl Command for Args {
     }
 
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {
-        extract_mesh(self, session)
+        let progress = session.progress;
+        let config = self.config();
+        if let (Wanted::MaxError(outside), Some((_, inside))) = (config.wanted, config.inside)
+            && inside > outside
+        {
+            return Err(Error::Usage(format!(
+                "--max-error-inside {inside} is above --max-error {outside}: the box can only be finer than the rest"
+            )));
+        }
+        super::arguments::warn_of_limit(self.memory, session.log);
+        let done = session.watch(|| extract(&config, progress))?;
+        let log = &mut *session.log;
+        log.say(format!(
+        "{}: {} triangles, {} vertices, {}, from {} tiles of {} triangles at most {} from the input",
+        config.output.display(),
+        done.triangles,
+        done.vertices,
+        show_bytes(done.bytes),
+        done.tiles,
+        show_count(done.cut_triangles),
+        show_outward(done.deviation, 1, 3)
+    ));
+        if !done.reached {
+            log.say("the number of triangles was not met: what lies in the box stays, or no edge is left that may be collapsed".to_owned());
+            return CommandEnd::of(&done, true);
+        }
+        if done.is_coarser {
+            log.say(format!(
+            "the finest tiles are up to {:.3e} from the input, more than was asked for: positions in tiles are rounded, or the tree was made with --finest",
+            done.deviation
+        ));
+            return CommandEnd::of(&done, true);
+        }
+        CommandEnd::whole(&done)
     }
 }
 
@@ -102,44 +135,6 @@ impl Args {
             threads: super::arguments::threads(self.threads),
         }
     }
-}
-
-/// Extracts the mesh.
-fn extract_mesh(args: &Args, session: &mut Session) -> Result<CommandEnd> {
-    let progress = session.progress;
-    let config = args.config();
-    if let (Wanted::MaxError(outside), Some((_, inside))) = (config.wanted, config.inside)
-        && inside > outside
-    {
-        return Err(Error::Usage(format!(
-            "--max-error-inside {inside} is above --max-error {outside}: the box can only be finer than the rest"
-        )));
-    }
-    super::arguments::warn_of_limit(args.memory, session.log);
-    let done = session.watch(|| extract(&config, progress))?;
-    let log = &mut *session.log;
-    log.say(format!(
-        "{}: {} triangles, {} vertices, {}, from {} tiles of {} triangles at most {} from the input",
-        config.output.display(),
-        done.triangles,
-        done.vertices,
-        show_bytes(done.bytes),
-        done.tiles,
-        show_count(done.cut_triangles),
-        show_outward(done.deviation, 1, 3)
-    ));
-    if !done.reached {
-        log.say("the number of triangles was not met: what lies in the box stays, or no edge is left that may be collapsed".to_owned());
-        return CommandEnd::of(&done, true);
-    }
-    if done.is_coarser {
-        log.say(format!(
-            "the finest tiles are up to {:.3e} from the input, more than was asked for: positions in tiles are rounded, or the tree was made with --finest",
-            done.deviation
-        ));
-        return CommandEnd::of(&done, true);
-    }
-    CommandEnd::whole(&done)
 }
 
 #[cfg(test)]

@@ -1,7 +1,6 @@
 //! `stonecut plan`: a job for many machines, decided and written down; the graph of its units for whoever starts them.
 
 use super::answer::CommandEnd;
-use super::log::Log;
 use super::session::{Command, Session};
 use super::simplify;
 use crate::config::{Config, Level, Texture};
@@ -48,7 +47,36 @@ impl Command for Args {
     }
 
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {
-        freeze(self, session.log).map(|()| CommandEnd::plain())
+        if self.simplify.is_plan_only() || self.simplify.has_temp_dir() {
+            let what =
+                "--dry-run and --temp-dir are not for a job in units; JOBDIR says where it lies";
+            return Err(Error::Usage(what.to_owned()));
+        }
+        if let Some(option) = self.simplify.receipt.given() {
+            let what = format!("{option} is not for a job in units; run 'stonecut simplify'");
+            return Err(Error::Usage(what));
+        }
+        if let Some(option) = self.simplify.page_option() {
+            return Err(Error::Usage(format!(
+                "{option} is for a new texture, which a job in units does not make; run 'stonecut simplify' on one machine"
+            )));
+        }
+        let here = std::env::current_dir().map_err(|e| Error::reading(".", "cannot find", e))?;
+        let folder = std::path::absolute(&self.folder).unwrap_or_else(|_| self.folder.clone());
+        let config = self.config(&folder, &here)?;
+        let pieces = Pieces { units: self.units, parts: self.parts };
+        let report = self.report(&here).as_deref().map(Seen::new);
+        let said = ((self.words.clone(), here), report);
+        let frozen = freeze_with(&folder, said, &config, pieces, &Disk::default())?;
+        for phase in &frozen.phases {
+            session.log.say(format!("{:10} {} units", phase.name, phase.units));
+        }
+        let text = match &self.slurm {
+            Some(options) => slurm(&folder, &frozen, options),
+            None => graph(&folder, &frozen),
+        };
+        std::io::stdout().write_all(text.as_bytes()).map_err(Error::stdout)?;
+        Ok(CommandEnd::plain())
     }
 }
 
@@ -94,38 +122,6 @@ impl Args {
 
 fn if_not_stream(folder: &Path, path: &Path) -> PathBuf {
     if path == Path::new("-") { path.to_path_buf() } else { folder.join(path) }
-}
-
-/// Freezes the job and prints its graph on standard output.
-fn freeze(args: &Args, log: &mut Log) -> Result<()> {
-    if args.simplify.is_plan_only() || args.simplify.has_temp_dir() {
-        let what = "--dry-run and --temp-dir are not for a job in units; JOBDIR says where it lies";
-        return Err(Error::Usage(what.to_owned()));
-    }
-    if let Some(option) = args.simplify.receipt.given() {
-        let what = format!("{option} is not for a job in units; run 'stonecut simplify'");
-        return Err(Error::Usage(what));
-    }
-    if let Some(option) = args.simplify.page_option() {
-        return Err(Error::Usage(format!(
-            "{option} is for a new texture, which a job in units does not make; run 'stonecut simplify' on one machine"
-        )));
-    }
-    let here = std::env::current_dir().map_err(|e| Error::reading(".", "cannot find", e))?;
-    let folder = std::path::absolute(&args.folder).unwrap_or_else(|_| args.folder.clone());
-    let config = args.config(&folder, &here)?;
-    let pieces = Pieces { units: args.units, parts: args.parts };
-    let report = args.report(&here).as_deref().map(Seen::new);
-    let said = ((args.words.clone(), here), report);
-    let frozen = freeze_with(&folder, said, &config, pieces, &Disk::default())?;
-    for phase in &frozen.phases {
-        log.say(format!("{:10} {} units", phase.name, phase.units));
-    }
-    let text = match &args.slurm {
-        Some(options) => slurm(&folder, &frozen, options),
-        None => graph(&folder, &frozen),
-    };
-    std::io::stdout().write_all(text.as_bytes()).map_err(Error::stdout)
 }
 
 fn graph(folder: &Path, frozen: &Frozen) -> String {

@@ -5,7 +5,6 @@
 //! from files: types, ranges, dates.
 
 use super::answer::CommandEnd;
-use super::log::Log;
 use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::system::paths::{Paths, Role};
@@ -57,33 +56,30 @@ impl Command for Args {
     }
 
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {
-        offer(self, session.progress, session.log).map(|()| CommandEnd::plain())
-    }
-}
-
-/// Offers the folder until the command is stopped.
-fn offer(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
-    let reading = |e| Error::reading(&args.folder, "cannot open", e);
-    let root = args.folder.canonicalize().map_err(reading)?;
-    let at = SocketAddr::new(args.address, args.port);
-    let busy = |e| Error::Usage(format!("cannot listen at {at}: {e}; give another --port"));
-    let listener = TcpListener::bind(at).map_err(busy)?;
-    let at = listener.local_addr().unwrap_or(at);
-    log.say(format!("http://{at}/ shows {}; stop with Ctrl-C", root.display()));
-    if !at.ip().is_loopback() {
-        log.say(format!(
+        let (progress, log) = (session.progress, &mut *session.log);
+        let reading = |e| Error::reading(&self.folder, "cannot open", e);
+        let root = self.folder.canonicalize().map_err(reading)?;
+        let at = SocketAddr::new(self.address, self.port);
+        let busy = |e| Error::Usage(format!("cannot listen at {at}: {e}; give another --port"));
+        let listener = TcpListener::bind(at).map_err(busy)?;
+        let at = listener.local_addr().unwrap_or(at);
+        log.say(format!("http://{at}/ shows {}; stop with Ctrl-C", root.display()));
+        if !at.ip().is_loopback() {
+            log.say(format!(
             "warning: everyone who reaches port {} of this machine can read {}; 127.0.0.1 offers it only here",
             at.port(),
             root.display()
         ));
+        }
+        let offered = Arc::new(Offered { root, address: at.ip() });
+        listener
+            .set_nonblocking(true)
+            .and_then(|()| tokio::runtime::Builder::new_current_thread().enable_all().build())
+            .and_then(|runtime| runtime.block_on(listen(listener, offered, progress)))
+            .map_err(busy)?;
+        progress.check()?;
+        Ok(CommandEnd::plain())
     }
-    let offered = Arc::new(Offered { root, address: at.ip() });
-    listener
-        .set_nonblocking(true)
-        .and_then(|()| tokio::runtime::Builder::new_current_thread().enable_all().build())
-        .and_then(|runtime| runtime.block_on(listen(listener, offered, progress)))
-        .map_err(busy)?;
-    progress.check()
 }
 
 /// Answers every connection until the progress is cancelled; those that are open then are dropped.

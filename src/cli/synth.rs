@@ -7,7 +7,6 @@ use crate::error::Result;
 use crate::io::{OutputFormat, OutputKind};
 use crate::synth::{self, Cut, Kind, Rounding, Settings, Writing};
 use crate::system::paths::{Paths, Role};
-use crate::system::progress::Progress;
 use crate::system::units::{parse_count, parse_ratio, show_bytes, show_count};
 use std::io::Write;
 use std::num::NonZeroUsize;
@@ -90,7 +89,8 @@ impl Command for Args {
         if let Some(n_tiles) = self.tiles {
             return make_tiles(self, n_tiles, session);
         }
-        let made = make(self, session.progress)?;
+        let made =
+            synth::write_ply(&self.output, &settings(self), writing(self), session.progress)?;
         say(self, &made, &mut Said(session.log));
         CommandEnd::whole(&serde_json::json!({
             "output": {
@@ -157,10 +157,6 @@ fn make_tiles(args: &Args, n_tiles: u64, session: &mut Session) -> Result<Comman
             "images": made.n_images, "tiles": made.n_tiles, "split_edges": made.n_split,
         },
     }))
-}
-
-fn make(args: &Args, progress: &Progress) -> Result<synth::Counts> {
-    synth::write_ply(&args.output, &settings(args), writing(args), progress)
 }
 
 fn writing(args: &Args) -> Writing {
