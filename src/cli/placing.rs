@@ -80,6 +80,9 @@ impl TypedPlacing {
     /// The placing for an output of a kind.
     pub(super) fn placing(&self, kind: OutputKind) -> Result<Placing> {
         let mut placing = Placing::default();
+        if self.up.is_none() && self.transform.is_none() {
+            placing.keeps_axes = Some(kind == OutputKind::Glb);
+        }
         match (self.up, kind) {
             (Some(Up::Z), OutputKind::Glb) => placing.then(&Z_TO_Y),
             (Some(Up::Y), OutputKind::Ply | OutputKind::Stl | OutputKind::Obj) => {

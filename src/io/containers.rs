@@ -9,8 +9,8 @@ use stonecut_system::disk::ScratchFolder;
 use stonecut_system::error::{Error, Remedy, Result};
 use stonecut_system::free_space::free_bytes;
 use stonecut_system::units::show_bytes;
-use zip::ZipArchive;
 use zip::result::ZipError;
+use zip::{SUPPORTED_COMPRESSION_METHODS, ZipArchive};
 
 /// More files are not looked for in an archive: their list is kept in memory.
 const MAX_ENTRIES: u16 = 65_534;
@@ -191,18 +191,26 @@ pub(super) fn unzip(
     let mut meshes = names.iter().enumerate().filter(is_mesh);
     let (Some((index, name)), None) = (meshes.next(), meshes.next()) else {
         let n = names.iter().enumerate().filter(is_mesh).count();
-        return Err(file.bad(format!(
-            "this is a zip archive of {} files, {n} of them meshes: unpack it and give one of them",
-            names.len()
-        )));
+        let what = format!("this is a zip archive of {} files", names.len());
+        return Err(file.bad(match n {
+            0 => format!("{what} without a mesh (looked for .ply, .stl, .obj, .glb and .gltf)"),
+            _ => format!("{what}, {n} of them meshes: unpack it and give one of them"),
+        }));
     };
     let is_companion =
         |other: &usize| ends(&names[*other], &COMPANIONS) && !is_hidden(&names[*other]);
     let companions: Vec<usize> = (0..names.len()).filter(is_companion).collect();
     let mut needed = 0u64;
-    for &entry in companions.iter().chain([&index]) {
-        let entry = archive.by_index_raw(entry).map_err(|error| damaged(&error))?;
+    for &number in companions.iter().chain([&index]) {
+        let entry = archive.by_index_raw(number).map_err(|error| damaged(&error))?;
         needed = needed.saturating_add(entry.size());
+        let method = entry.compression();
+        if !SUPPORTED_COMPRESSION_METHODS.contains(&method) {
+            return Err(file.bad(format!(
+                "'{}' in the zip archive is packed in a way that stonecut does not read ({method}): unpack it first",
+                names[number].escape_default()
+            )));
+        }
     }
     if let Some(free) = free_bytes(&options.temp_dir).filter(|free| needed > *free) {
         let (archive, needed, free) = (file.path().display(), show_bytes(needed), show_bytes(free));

@@ -10,7 +10,8 @@ use stonecut_mesh::codec::colour_groups;
 use stonecut_mesh::face_properties::{
     FEW_FACES, FacePolicy, FaceProperty, FacePropertyPlan, MAX_COLOUR_VERTICES, MAX_LABEL_VERTICES,
 };
-use stonecut_mesh::property::{Property, Scalar};
+use stonecut_mesh::patches::WholeValues;
+use stonecut_mesh::property::{Property, Scalar, read_scalar};
 use stonecut_system::error::Result;
 
 /// Vertices around which faces are compared.
@@ -87,7 +88,7 @@ pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<Face
                     FacePolicy::Averaged
                 }
             }
-            () if is_float && !named => FacePolicy::Averaged,
+            () if is_float && !named && !found.is_label(i) => FacePolicy::Averaged,
             () if each <= MAX_LABEL_VERTICES => FacePolicy::Region,
             () => FacePolicy::Chosen,
         };
@@ -109,6 +110,8 @@ struct SurveyFindings {
     places: Vec<std::ops::Range<usize>>,
     first: Vec<u8>,
     constant: Vec<bool>,
+    /// Values of floats that may be labels.
+    whole: Vec<(Scalar, WholeValues)>,
     /// Values of the faces around sampled vertices, each once.
     around: HashMap<u64, Vec<Vec<u8>>>,
 }
@@ -124,6 +127,7 @@ impl SurveyFindings {
             places: properties.iter().map(place).collect(),
             first: Vec::new(),
             constant: vec![true; properties.len()],
+            whole: properties.iter().map(|p| (p.scalar, WholeValues::default())).collect(),
             around: HashMap::new(),
         };
         let mut room = MAX_BYTES;
@@ -140,6 +144,11 @@ impl SurveyFindings {
             if face.values != found.first {
                 for (constant, place) in found.constant.iter_mut().zip(&found.places) {
                     *constant &= face.values[place.clone()] == found.first[place.clone()];
+                }
+            }
+            for ((scalar, whole), place) in found.whole.iter_mut().zip(&found.places) {
+                if !scalar.is_integer() {
+                    whole.add(read_scalar(*scalar, &face.values, place.start));
                 }
             }
             for &v in face.corners.iter().filter(|v| sampled(**v)) {
@@ -162,6 +171,11 @@ impl SurveyFindings {
 
     fn is_constant(&self, i: usize) -> bool {
         self.constant[i]
+    }
+
+    /// Returns whether a float is a label: whole numbers that make regions.
+    fn is_label(&self, i: usize) -> bool {
+        self.whole[i].1.are_labels() && self.vertices_each(&[i]) <= MAX_LABEL_VERTICES
     }
 
     fn first(&self, i: usize) -> &[u8] {

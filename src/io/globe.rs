@@ -157,7 +157,8 @@ impl Crs {
     }
 }
 
-/// The number in `EPSG:32633`, `urn:ogc:def:crs:EPSG::32633` or `32633`.
+/// The number in `EPSG:32633`, `urn:ogc:def:crs:EPSG::32633` or `32633`; that of a system of heights behind it,
+/// `EPSG:32633+5773`, says nothing of the place.
 pub fn code_of(text: &str) -> Option<u16> {
     let text = text.trim();
     let digits = match text.to_ascii_uppercase().rfind("EPSG") {
@@ -166,6 +167,8 @@ pub fn code_of(text: &str) -> Option<u16> {
         }
         None => text,
     };
+    let (digits, heights) = digits.split_once('+').unwrap_or((digits, "0"));
+    heights.trim().parse::<u16>().ok()?;
     digits.trim().parse().ok()
 }
 

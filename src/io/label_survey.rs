@@ -1,9 +1,12 @@
-//! Finds the labels of vertices that lie in patches, so that the kernel keeps their borders (`mesh::patches`).
+//! Finds the labels of vertices that lie in patches, so that the kernel keeps their borders (`mesh::patches`); floats that are
+//! whole numbers in patches are labels, too.
 //!
-//! Looks at some of the triangles; nothing is read where vertices have no labels. Changes nothing but the schema.
+//! Looks at some of the triangles; nothing is read where vertices have neither labels nor such floats. Changes nothing but the schema.
 
 use crate::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
-use stonecut_mesh::patches::PatchCount;
+use stonecut_mesh::patches::{PatchCount, WholeValues};
+use stonecut_mesh::property::read_scalar;
+use stonecut_mesh::record::VertexSchema;
 use stonecut_system::error::Result;
 
 /// Blocks of faces that are looked at, evenly spaced.
@@ -15,11 +18,19 @@ const MOST_BLOCKS: u64 = 8;
 pub fn survey_labels(source: &mut MeshSource, labels: &[String]) -> Result<()> {
     let schema = source.schema().clone();
     let mut is_label = schema.label_properties(labels);
+    let mut may_be_label = schema.float_properties(labels);
     // A mark of those that stay where they are says nothing of the others.
     if let Some(i) = source.lock_property().and_then(|name| schema.own_property(name)) {
-        is_label[i] = false;
+        (is_label[i], may_be_label[i]) = (false, false);
     }
-    if !is_label.contains(&true) {
+    let mut block = VertexBlock::default();
+    if may_be_label.contains(&true) && source.n_vertices() > 0 {
+        // Measurements are not whole numbers.
+        source.read_vertices(0, &mut block)?;
+        let may_be = WholeValues::are_few_and_whole;
+        keep(&mut may_be_label, &schema, &block.records, may_be);
+    }
+    if !is_label.contains(&true) && !may_be_label.contains(&true) {
         return Ok(());
     }
     let (triangles, is_all) = sample(source)?;
@@ -28,7 +39,6 @@ pub fn survey_labels(source: &mut MeshSource, labels: &[String]) -> Result<()> {
     ids.dedup();
     let record_bytes = schema.record_bytes();
     let mut records = Vec::with_capacity(ids.len() * record_bytes);
-    let mut block = VertexBlock::default();
     for of_block in ids.chunk_by(|a, b| a / BLOCK_ROWS == b / BLOCK_ROWS) {
         let index = of_block[0] / BLOCK_ROWS;
         source.read_vertices(index, &mut block)?;
@@ -39,11 +49,12 @@ pub fn survey_labels(source: &mut MeshSource, labels: &[String]) -> Result<()> {
     }
     let rows: Vec<[usize; 3]> =
         triangles.iter().map(|t| t.map(|v| ids.partition_point(|id| *id < v))).collect();
+    keep(&mut may_be_label, &schema, &records, WholeValues::are_labels);
     let mut at = schema.position_bytes();
     let mut is_patchy = vec![false; is_label.len()];
     for (i, property) in schema.properties.iter().enumerate() {
         let end = at + property.scalar.bytes();
-        if is_label[i] {
+        if is_label[i] || may_be_label[i] {
             let mut count = PatchCount::default();
             let value = |row: usize| &records[row * record_bytes..][at..end];
             rows.iter().for_each(|row| count.add(row.map(value)));
@@ -53,6 +64,21 @@ pub fn survey_labels(source: &mut MeshSource, labels: &[String]) -> Result<()> {
     }
     source.note_patchy(&is_patchy);
     Ok(())
+}
+
+/// Keeps the marks of properties whose values in some records `are` what they must be.
+fn keep(marks: &mut [bool], schema: &VertexSchema, records: &[u8], are: fn(&WholeValues) -> bool) {
+    let mut at = schema.position_bytes();
+    for (property, mark) in schema.properties.iter().zip(marks) {
+        if *mark {
+            let mut values = WholeValues::default();
+            for record in records.chunks_exact(schema.record_bytes()) {
+                values.add(read_scalar(property.scalar, record, at));
+            }
+            *mark = are(&values);
+        }
+        at += property.scalar.bytes();
+    }
 }
 
 /// Some of the triangles, and whether those are all.

@@ -39,6 +39,7 @@ mod text_lines;
 pub mod tileset;
 mod wedges;
 mod weld;
+mod wkt;
 
 pub use duplicates::{DuplicateFinder, Duplicates};
 pub use expected_size::{Expected, expected_bytes};

@@ -5,6 +5,7 @@
 //! its way from a reader to a writer, so names travel as every other label of faces does. Where all faces have one name there
 //! is only the comment.
 
+use super::encodings;
 use super::sidecars::crs_of;
 use std::collections::HashMap;
 use std::path::Path;
@@ -93,7 +94,7 @@ impl NameList {
         if let Some(&number) = self.numbers.get(name) {
             return number;
         }
-        let n_bytes = self.n_bytes + name.object.len() + name.group.len();
+        let n_bytes = self.n_bytes + escaped(&name.object).len() + escaped(&name.group).len();
         if self.names.len() == MAX_NAMES || n_bytes > MAX_BYTES {
             self.has_too_many = true;
             return NO_NAME;
@@ -161,7 +162,7 @@ impl NameList {
     pub(super) fn comments(&self) -> impl Iterator<Item = String> {
         self.names.iter().enumerate().flat_map(|(number, name)| {
             let parts = [("o", &name.object), ("g", &name.group)].map(|(kind, text)| {
-                (!text.is_empty()).then(|| format!("{WORD}{number} {kind} {text}"))
+                (!text.is_empty()).then(|| format!("{WORD}{number} {kind} {}", escaped(text)))
             });
             parts.into_iter().flatten()
         })
@@ -183,8 +184,8 @@ impl NameTable {
                 list.resize_with(number + 1, Name::default);
             }
             match kind {
-                "o" => text.clone_into(&mut list[number].object),
-                _ => text.clone_into(&mut list[number].group),
+                "o" => list[number].object = text,
+                _ => list[number].group = text,
             }
         }
         NameTable { list }
@@ -248,12 +249,34 @@ pub(super) fn own_comments<'a>(comments: &'a [String], infos: &'a [String]) -> V
     comments.iter().chain(infos).filter(is_own).map(String::as_str).collect()
 }
 
+/// A name in ASCII, since the header of a PLY file is: other letters as addresses have them (`%C3%A9`), and signs that would be
+/// taken for those.
+pub(super) fn escaped(name: &str) -> String {
+    let mut out = String::with_capacity(name.len());
+    for (at, &byte) in name.as_bytes().iter().enumerate() {
+        let digits = name.as_bytes().get(at + 1..at + 3);
+        let is_number = digits.is_some_and(|two| two.iter().all(u8::is_ascii_hexdigit));
+        match byte {
+            b'%' if is_number => out.push_str("%25"),
+            _ if byte.is_ascii() => out.push(char::from(byte)),
+            _ => out.push_str(&format!("%{byte:02X}")),
+        }
+    }
+    out
+}
+
+/// The name that was escaped; as it is where it was not.
+pub(super) fn unescaped(text: &str) -> String {
+    String::from_utf8(encodings::unescaped(text)).unwrap_or_else(|_| text.to_owned())
+}
+
 /// Number, kind and text of such a comment.
-fn parts(comment: &str) -> Option<(usize, &str, &str)> {
+fn parts(comment: &str) -> Option<(usize, &str, String)> {
     let (number, rest) = comment.strip_prefix(WORD)?.split_once(' ')?;
     let (kind, text) = rest.split_once(' ')?;
     let number: usize = number.parse().ok()?;
-    (number < MAX_NAMES && ["o", "g"].contains(&kind)).then_some((number, kind, text.trim()))
+    (number < MAX_NAMES && ["o", "g"].contains(&kind))
+        .then(|| (number, kind, unescaped(text.trim())))
 }
 
 #[cfg(test)]
@@ -273,6 +296,17 @@ mod tests {
         let texts = names.iter().map(|name| format!("{}/{}", name.object, name.group));
         assert_eq!(texts.collect::<Vec<_>>(), ["/lone g", "a/", "a/x", "a/y", "b/"]);
         assert_eq!(ranks, [3, 5, 1, 2, 4]);
+    }
+
+    #[test]
+    fn names_in_comments_are_ascii() {
+        for name in ["stra\u{df}e 1", "\u{6728}", "100% wool", "50%25", "%C3", "%%20"] {
+            let mut list = NameList::default();
+            list.number(&Name::new(name, ""));
+            let comments: Vec<String> = list.comments().collect();
+            assert!(comments[0].is_ascii(), "{comments:?}");
+            assert_eq!(NameTable::of(&comments).ranked().0[0].object, name);
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | ContextCapture, iTwin | `metadata.xml` beside the mesh or one or two folders above: `SRS`, `SRSOrigin` |
 //! | OpenDroneMap | `odm_georeferencing_model_geo.txt` or `coords.txt` beside the mesh, or in `odm_georeferencing` beside its folder `odm_...`: zone and offset |
-//! | Metashape, RealityCapture and others | `NAME.prj` (WKT with a code), `NAME.xyz`, `NAME_offset.xyz` or `offset.xyz`: three numbers |
+//! | Metashape, RealityCapture and others | `NAME.prj` (WKT), `NAME.xyz`, `NAME_offset.xyz` or `offset.xyz`: three numbers |
 //!
 //! | in the file | comment |
 //! |---|---|
@@ -12,10 +12,12 @@
 //! | QGIS and others | `crs WKT`, `crs: EPSG:n` |
 //! | scanners | `epsg n`, `offsetx X`, `offsety Y`, `offsetz Z` |
 
-use crate::globe::code_of;
+use crate::encodings::text_of_file;
+use crate::wkt::epsg;
 use std::path::{Path, PathBuf};
 use stonecut_mesh::placing::{offset_of, offset_words};
 use stonecut_system::disk::read_regular;
+use stonecut_system::losses::{Loss, LossKind};
 
 /// A file beside a mesh is text of a few lines.
 const MOST_BYTES: u64 = 256 << 10;
@@ -61,11 +63,27 @@ pub(crate) fn crs_of(comment: &str) -> Option<String> {
     name.eq_ignore_ascii_case("crs").then(named)
 }
 
-/// The comments of the one text that an STL file has: its offset stands before its system.
+/// The loss of a place on a map, which has z upwards, where axes stay as they are between glTF, which has y, and other formats.
+pub fn lost_axes(comments: &[String], is_y_up: bool, becomes_y_up: bool) -> Option<Loss> {
+    let crs = crs_in(comments).filter(|crs| !crs.is_empty() && is_y_up != becomes_y_up)?;
+    let (up, other) = if is_y_up { ('y', 'z') } else { ('z', 'y') };
+    let what = format!("the place on the map ({crs})");
+    let reason = format!("axes stay as they are, {up} upwards, where {other} should be");
+    let loss = Loss::new(LossKind::Precision, what, reason);
+    Some(loss.remedy(format!("convert with --up {up} turns them")))
+}
+
+/// The comments of the one text that an STL file has: its offset stands before its system, and behind it the words of this
+/// program, as far as there was room.
 pub(crate) fn comments_of(text: String) -> Vec<String> {
-    match text.split_once(" crs ").filter(|_| offset_of(&text).is_some()) {
-        Some((offset, crs)) => vec![offset.to_owned(), format!("{CRS}{crs}")],
-        None => vec![text],
+    let is_place = |text: &str| offset_of(text).is_some() || crs_of(text).is_some();
+    let place = text.split(" stonecut ").next().filter(|place| is_place(place)).unwrap_or(&text);
+    match place.split_once(" crs ").filter(|_| offset_of(place).is_some()) {
+        Some((offset, crs)) => {
+            let crs = crs.split(' ').next().unwrap_or_default();
+            vec![offset.to_owned(), format!("{CRS}{crs}")]
+        }
+        None => vec![place.to_owned()],
     }
 }
 
@@ -94,14 +112,20 @@ impl Georeference {
         found.or_else(|| of_name(mesh, folder))
     }
 
-    /// A `metadata.xml` of a model beside a mesh or above it whose place is not understood.
+    /// A `metadata.xml` of a model beside a mesh or above it, or a `.prj` beside it, whose system is not understood.
     pub(crate) fn broken_beside(mesh: &Path) -> Option<PathBuf> {
         let paths = folders_of(mesh).map(|folder| folder.join("metadata.xml"));
         let is_broken = |path: &PathBuf| {
             text_of(path).is_some_and(|text| text.contains("<SRS"))
-                && path.parent().is_none_or(|folder| of_context_capture(folder).is_none())
+                && path
+                    .parent()
+                    .and_then(of_context_capture)
+                    .is_none_or(|found| found.crs.is_empty())
         };
-        paths.into_iter().find(is_broken)
+        let prj = mesh.with_extension("prj");
+        let is_unknown = |text: String| !text.trim().is_empty() && epsg(&text).is_none();
+        let is_broken_prj = |prj: &PathBuf| text_of(prj).is_some_and(is_unknown);
+        paths.into_iter().find(is_broken).or_else(|| Some(prj).filter(is_broken_prj))
     }
 
     /// The place in a few words.
@@ -141,7 +165,7 @@ fn folders_of(mesh: &Path) -> [PathBuf; 3] {
 
 fn text_of(path: &Path) -> Option<String> {
     let bytes = read_regular(path, MOST_BYTES).ok()?;
-    Some(String::from_utf8_lossy(&bytes).into_owned())
+    Some(String::from_utf8_lossy(&text_of_file(bytes)).into_owned())
 }
 
 /// Numbers with blanks, commas or semicolons between them; none if anything else is there.
@@ -151,20 +175,6 @@ fn numbers(text: &str) -> Option<Vec<f64>> {
         .filter(|word| !word.is_empty())
         .map(|word| word.parse().ok().filter(|x: &f64| x.is_finite()))
         .collect()
-}
-
-/// `EPSG:n` of a code or of WKT, whose last authority is that of the whole.
-fn epsg(text: &str) -> Option<String> {
-    if let Some(code) = code_of(text) {
-        return Some(format!("EPSG:{code}"));
-    }
-    let at = text.rfind("\"EPSG\"")?;
-    let digits: String = text[at + 6..]
-        .chars()
-        .skip_while(|c| matches!(c, ',' | '"' | ' '))
-        .take_while(char::is_ascii_digit)
-        .collect();
-    Some(format!("EPSG:{}", digits.parse::<u16>().ok()?))
 }
 
 fn of_context_capture(folder: &Path) -> Option<Georeference> {
@@ -238,7 +248,7 @@ mod tests {
         };
         let offset = [500_400.0, 4_600_200.0, 100.0];
         let flat = [500_400.0, 4_600_200.0, 0.0];
-        let rows: [(&str, String, &str, [f64; 3]); 8] = [
+        let rows: [(&str, String, &str, [f64; 3]); 9] = [
             ("metadata.xml", xml("EPSG:32633"), "EPSG:32633", offset),
             ("../metadata.xml", xml(wkt), "EPSG:32633", offset),
             ("metadata.xml", xml("ENU:41.5,15.0"), "ENU:41.5,15.0", offset),
@@ -250,6 +260,7 @@ mod tests {
                 flat,
             ),
             ("tile.prj", wkt.into(), "EPSG:32633", [0.0; 3]),
+            ("metadata.xml", xml("EPSG:25832+7837"), "EPSG:25832+7837", offset),
             ("tile.xyz", "500400.000 4600200.000 100.000\n".into(), "", offset),
             ("offset.xyz", "500400, 4600200, 100".into(), "", offset),
         ];
@@ -268,6 +279,20 @@ mod tests {
         }
         let home = tempfile::tempdir().unwrap();
         assert_eq!(Georeference::beside(&home.path().join("a/b/tile.obj")), None);
+        let text = "offset: 500000 5400000 250 crs EPSG:32633 stonecut 1.0 ratio 5% st".to_owned();
+        assert_eq!(comments_of(text), ["offset: 500000 5400000 250", "crs EPSG:32633"]);
+        assert_eq!(comments_of("crs EPSG:32633 stonecut 1.0".to_owned()), ["crs EPSG:32633"]);
+        assert_eq!(comments_of("solid made of stonecut ".to_owned()), ["solid made of stonecut "]);
+        // A system that is not understood is named.
+        let mesh = home.path().join("a/b/c/tile.obj");
+        std::fs::create_dir_all(home.path().join("a/b/c")).unwrap();
+        assert_eq!(Georeference::broken_beside(&mesh), None);
+        std::fs::write(mesh.with_extension("prj"), r#"PROJCS["Mine",GEOGCS["GCS_Mine"]]"#).unwrap();
+        assert_eq!(Georeference::broken_beside(&mesh), Some(mesh.with_extension("prj")));
+        let utf16: Vec<u8> = xml("EPSG:32633").encode_utf16().flat_map(u16::to_le_bytes).collect();
+        std::fs::write(home.path().join("a/b/c/metadata.xml"), utf16).unwrap();
+        let found = Georeference::beside(&mesh).unwrap();
+        assert_eq!((found.crs.as_str(), found.offset), ("EPSG:32633", offset));
         // A cloud of points of the same name is not an offset.
         std::fs::write(home.path().join("tile.xyz"), "1 2 3\n4 5 6\n").unwrap();
         assert_eq!(Georeference::beside(&home.path().join("tile.obj")), None);

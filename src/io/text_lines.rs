@@ -16,6 +16,8 @@ pub struct Lines<'a> {
     pub number: u64,
     /// Byte offset of that line.
     pub offset: u64,
+    /// True if the file ends within that line.
+    pub has_no_end: bool,
     /// True if a line that ends in a backslash goes on in the next.
     goes_on: bool,
 }
@@ -26,7 +28,8 @@ impl<'a> Lines<'a> {
         // A file that cannot be read says so with the first line.
         let is_marked = file.read_at_most(&mut first, 0).is_ok() && first == *BYTE_ORDER_MARK;
         let start = if is_marked { first.len() as u64 } else { 0 };
-        Lines { window: Window::new(file, start), number: 0, offset: 0, goes_on: false }
+        let window = Window::new(file, start);
+        Lines { window, number: 0, offset: 0, has_no_end: false, goes_on: false }
     }
 
     /// The lines of an OBJ file: one that ends in a backslash goes on in the next, unless it ends in a comment.
@@ -51,9 +54,11 @@ impl<'a> Lines<'a> {
                 line.extend_from_slice(&rest[..end]);
                 let crlf = rest[end] == b'\r' && rest.get(end + 1) == Some(&b'\n');
                 self.window.at += end + if crlf { 2 } else { 1 };
-                let is_open = self.goes_on && line.last() == Some(&b'\\');
+                // Blanks behind the backslash are not seen by those who write it.
+                let written = line.trim_ascii_end().len();
+                let is_open = self.goes_on && line[..written].ends_with(b"\\");
                 if is_open && without_comment(line).len() == line.len() {
-                    line.pop();
+                    line.truncate(written - 1);
                     line.push(b' ');
                     self.number += 1;
                     any = true;
@@ -68,6 +73,7 @@ impl<'a> Lines<'a> {
                 return Err(self.bad("the line does not end; this is not a text file"));
             }
             if !self.refill()? {
+                self.has_no_end = any;
                 return Ok(any);
             }
         }
@@ -171,7 +177,7 @@ mod tests {
     /// Every byte of a line that goes on behind CR LF is once the last one of a window.
     #[test]
     fn a_line_goes_on_wherever_a_window_ends() {
-        let tail = b"\nf 1 2\\\r\n3\r\nend\r";
+        let tail = b"\nf 1 2\\ \r\n3\r\nend\r";
         for padding in Window::BYTES - tail.len()..=Window::BYTES {
             let bytes = [vec![b'x'; padding], tail.to_vec()].concat();
             let file = RawFile::from_bytes("lines.obj", bytes);

@@ -67,8 +67,12 @@ impl MergeRule {
         match property.scalar {
             _ if property.origin == Origin::Region => MergeRule::Colour,
             _ if matches!(property.origin, Origin::FaceLabel | Origin::Lock) => MergeRule::Label,
+            // A label whatever its type.
+            _ if property.is_patchy => MergeRule::Label,
             // Wedges of different images must not be taken for the same; equal ones mix to themselves.
             Scalar::I32 if name == "texnumber" => MergeRule::Colour,
+            // Three bytes in the bits of a float, as PCL has colours.
+            Scalar::F32 if matches!(name, "rgb" | "rgba") => MergeRule::Label,
             Scalar::F32 => MergeRule::Single,
             Scalar::F64 => MergeRule::Double,
             Scalar::U8 | Scalar::U16 if COLOUR_NAMES.contains(&name) => MergeRule::Colour,
@@ -144,6 +148,17 @@ impl VertexSchema {
         let fields = self.kernel_codec(labels).fields;
         let all = self.properties.iter().zip(fields);
         all.map(|(p, field)| p.origin == Origin::Vertex && field.rule == MergeRule::Label).collect()
+    }
+
+    /// For each property, whether it is a plain number of floats, which is a label where its values say so (`WholeValues`).
+    pub fn float_properties(&self, labels: &[String]) -> Vec<bool> {
+        let kinds = self.kernel_codec(labels).channel_kinds(self);
+        let is_plain = |p: &Property| {
+            !p.scalar.is_integer()
+                && p.origin == Origin::Vertex
+                && kinds.contains(&ChannelKind::Scalar(p.name.clone()))
+        };
+        self.properties.iter().map(is_plain).collect()
     }
 
     /// The channels of one record; loops over many vertices take `codec()` once instead.

@@ -55,7 +55,7 @@ pub struct ColourPlace {
 }
 
 impl ColourPlace {
-    /// The properties that are a colour; alpha is one of them where it has their type.
+    /// The properties that are a colour; alpha is one of them where it has their type, or is a byte or a share from 0 to 1.
     pub fn find(schema: &VertexSchema) -> Option<ColourPlace> {
         let place = |name: &str| {
             let i = schema.own_property(name)?;
@@ -67,7 +67,8 @@ impl ColourPlace {
         NAMES.iter().find_map(|names| {
             let [r, g, b, a] = names;
             let components = [place(r)?, place(g)?, place(b)?];
-            let alpha = place(a).filter(|alpha| alpha.scalar == components[0].scalar);
+            let plain = [components[0].scalar, Scalar::U8, Scalar::F32, Scalar::F64];
+            let alpha = place(a).filter(|alpha| plain.contains(&alpha.scalar));
             Some(ColourPlace { names, components, alpha })
         })
     }

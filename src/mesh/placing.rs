@@ -21,11 +21,13 @@ pub struct Placing {
     /// True if y upwards becomes z upwards, by the matrix or later (tiles): a place of the world in a glTF file, which has z
     /// upwards (`CESIUM_RTC`), is then not turned with the rest. Changes nothing by itself.
     pub turns_up: bool,
+    /// Set if axes stay as they are: true if the output has y upwards, as glTF.
+    pub keeps_axes: Option<bool>,
 }
 
 impl Default for Placing {
     fn default() -> Self {
-        Placing { columns: NONE, recentres: false, turns_up: false }
+        Placing { columns: NONE, recentres: false, turns_up: false, keeps_axes: None }
     }
 }
 

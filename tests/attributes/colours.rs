@@ -81,6 +81,13 @@ fn opacity_goes_through_glb_as_it_is() {
     assert!(!said.contains("alpha"), "{said}");
     let alphas: Vec<f64> = colours_of(folder, "out.glb").iter().map(|row| row[3]).collect();
     assert_eq!(alphas, [0.0, 10.0, 20.0, 30.0, 40.0, 50.0]);
+    // A share beside bytes.
+    let shares = head.replace("uchar alpha", "float alpha");
+    let body = body.concat().replace(" 10\n", " 0.2\n");
+    std::fs::write(folder.join("in.ply"), format!("{shares}end_header\n{body}")).unwrap();
+    expect(folder, "convert in.ply out.glb --force", 0);
+    let alphas: Vec<f64> = colours_of(folder, "out.glb").iter().map(|row| row[3]).collect();
+    assert_eq!(alphas[..2], [0.0, 51.0]);
 }
 
 #[test]

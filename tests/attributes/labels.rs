@@ -121,3 +121,51 @@ fn numbers_of_vertices_hold_nothing() {
     ids.dedup();
     assert!(ids.iter().all(|id| id % 7 == 0) && ids.len() > 300, "{}", ids.len());
 }
+
+/// Programs without other types write labels as floats: whole numbers in patches are labels, measurements are averaged.
+#[test]
+fn whole_floats_in_patches_are_labels() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let mesh = sphere(40);
+    let bytes = |value: f32| value.to_le_bytes().to_vec();
+    write(&at.join("i.ply"), &mesh, "int label", |v| {
+        i32::from(label(mesh.0[v])).to_le_bytes().to_vec()
+    });
+    write(&at.join("f.ply"), &mesh, "float label", |v| bytes(f32::from(label(mesh.0[v]))));
+    write(&at.join("m.ply"), &mesh, "float q", |v| bytes(0.5 * f32::from(label(mesh.0[v]))));
+    let result = |name: &str| {
+        expect(at, &format!("simplify {name}.ply out.ply --ratio 10% --force"), 0);
+        read(&at.join("out.ply"), 4)
+    };
+    let ((points, labels, faces), (a, whole, b)) = (result("i"), result("f"));
+    assert_eq!((&points, &faces), (&a, &b));
+    let as_floats = labels.iter().map(|label| bytes(label[0].into()));
+    assert_eq!(as_floats.collect::<Vec<_>>(), whole);
+    let known = [1.5, 4.5, 100.0].map(bytes);
+    assert!(result("m").1.iter().any(|q| !known.contains(q)), "halves are averaged");
+}
+
+#[test]
+fn whole_floats_of_faces_are_labels() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let (points, faces) = sphere(40);
+    let mut text = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         element face {}\nproperty list uchar int vertex_indices\nproperty float label\nend_header\n",
+        points.len(),
+        faces.len()
+    );
+    points.iter().for_each(|[x, y, z]| text.push_str(&format!("{x} {y} {z}\n")));
+    for [a, b, c] in &faces {
+        text.push_str(&format!("3 {a} {b} {c} {}\n", label(points[*a as usize])));
+    }
+    std::fs::write(at.join("in.ply"), text).unwrap();
+    let said = expect(at, "simplify in.ply out.ply --ratio 10% --format ascii", 0);
+    assert!(!said.contains("averaged"), "{said}");
+    let out = std::fs::read_to_string(at.join("out.ply")).unwrap();
+    let of_face = |line: &str| line.strip_prefix("3 ")?.split(' ').nth(3)?.parse().ok();
+    let labels: Vec<f32> = out.lines().filter_map(of_face).collect();
+    assert!(labels.len() > 500 && labels.iter().all(|l| [3.0, 9.0, 200.0].contains(l)));
+}

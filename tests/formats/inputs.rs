@@ -115,6 +115,12 @@ fn sets_that_cannot_be_meant_are_refused_by_name() {
         let said = expect(at, &format!("convert {inputs} out.ply --force --skip-bad"), 3);
         assert!(said.contains("gone.ply: not there"), "{said}");
     }
+    std::fs::create_dir(at.join("empty")).unwrap();
+    std::fs::write(at.join("list.txt"), "\u{feff}tiles\\tile_000.ply\r\nempty\r\n").unwrap();
+    for (skip, code) in [("", 4), (" --skip-bad", 3)] {
+        let said = expect(at, &format!("convert @list.txt out.ply --force{skip}"), code);
+        assert!(said.contains("empty: no mesh in this folder"), "{said}");
+    }
     std::fs::write(at.join("tiles/other.obj"), "").unwrap();
     let said = expect(at, "simplify tiles out.ply --ratio 50%", 4);
     assert!(said.contains("1 .obj, 5 .ply"), "{said}");

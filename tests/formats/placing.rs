@@ -180,8 +180,11 @@ fn a_place_that_files_beside_name_is_carried() {
     std::fs::create_dir(folder.join("up")).unwrap();
     std::fs::rename(folder.join("metadata.xml"), folder.join("up/metadata.xml")).unwrap();
     expect(folder, "convert in.ply up/tile.glb --up z", 0);
-    expect(folder, "convert up/tile.glb turned.ply --up y", 0);
+    let said = expect(folder, "convert up/tile.glb turned.ply --up y", 0);
+    assert!(!said.contains("axes stay"), "{said}");
     assert_eq!(lies_at("turned.ply"), whole);
+    let said = expect(folder, "convert up/tile.glb as_it_is.ply", 0);
+    assert!(said.contains("axes stay as they are, y upwards, where z should be"), "{said}");
     // A place that is not understood is none, and named.
     for broken in [xml.replace("100", "nan"), xml.replace(",100", ""), xml[..60].to_owned()] {
         std::fs::write(folder.join("metadata.xml"), &broken).unwrap();

@@ -107,6 +107,46 @@ fn comments_of_obj_end_where_they_end() {
     assert_eq!(counts(&open("a.stl", text.as_bytes(), false).unwrap()), (4, 2));
 }
 
+/// The losses and remarks of a file that is read.
+fn said_of(name: &str, bytes: &[u8]) -> String {
+    let source = open(name, bytes, false).unwrap();
+    format!("{:?} {:?}", source.losses().entries(), source.notes())
+}
+
+#[test]
+fn numbers_and_rows_that_are_not_expected_are_named() {
+    let weights = "numbers behind the coordinates";
+    for (row, is_named) in [
+        ("v 5 5 5 1", false),
+        ("v 5 5 5 2", true),
+        ("v 5 5 5 1 0", true),
+        ("v 5 5 5 1 0 0 1", false),
+        ("v 5 5 5 1 0 0 1 3", true),
+    ] {
+        let said = said_of("a.obj", OBJ.replace("v 5 5 5", row).as_bytes());
+        assert_eq!(said.contains(weights), is_named, "{row}: {said}");
+    }
+    // A file that was cut off among its faces, and one whose last line has no end.
+    for (last, is_cut) in
+        [("f 1 2 4", false), ("f 1 2", true), ("f 1/ 2/ 4", true), ("f 1 2 4\nf", true)]
+    {
+        let said = said_of("a.obj", OBJ.replace("f 1 2 4\n", last).as_bytes());
+        assert_eq!(said.contains("may be cut off"), is_cut, "{last}: {said}");
+    }
+    // More rows than the header promises, and a second file.
+    let joined = format!("{PLY}{PLY}");
+    for (text, wanted) in [
+        (PLY.replace("face 2", "face 1"), "fewer rows than there are"),
+        (joined, "another PLY file"),
+        (format!("{PLY}\n \0\0"), ""),
+        (PLY.replace("ascii", "ASCII"), ""),
+    ] {
+        let said = said_of("a.ply", text.as_bytes());
+        assert_eq!(said.contains("left out"), !wanted.is_empty(), "{said}");
+        assert!(said.contains(wanted), "{said}");
+    }
+}
+
 #[test]
 fn what_is_not_obj_is_refused_whatever_its_name() {
     let noise: Vec<u8> =
@@ -237,6 +277,10 @@ fn other_formats_are_named() {
         let message = refusal(name, bytes);
         assert!(message.contains(word) && message.contains("does not read"), "{message}");
     }
+    let old = br#"{"asset":{"version":"1.0"},"meshes":{"a":{}},"nodes":{}}"#;
+    assert!(refusal("a.gltf", old).contains("glTF version '1.0' is not read"));
+    let other = b"\xef\xbb\xbf{\"type\":\"FeatureCollection\"}";
+    assert!(refusal("a.json", other).contains("names no version"));
 }
 
 fn zip(files: &[(&str, &[u8])]) -> Vec<u8> {
@@ -255,6 +299,14 @@ fn an_archive_with_one_mesh_is_read() {
     assert_eq!(counts(&open("a.zip", &one, false).unwrap()), (4, 2));
     let two = zip(&[("a.obj", obj), ("b.obj", obj)]);
     assert!(refusal("a.zip", &two).contains("2 of them meshes"));
+    assert!(refusal("a.zip", &zip(&[("a.txt", b"x")])).contains("without a mesh"));
+    // LZMA, which no reader of ours unpacks.
+    let mut lzma = zip(&[("a.obj", obj)]);
+    for (mark, at) in [(b"PK\x03\x04", 8), (b"PK\x01\x02", 10)] {
+        let start = lzma.windows(4).position(|bytes| bytes == mark).unwrap();
+        lzma[start + at] = 14;
+    }
+    assert!(refusal("a.zip", &lzma).contains("does not read (Lzma)"));
     assert!(refusal("a.3mf", &zip(&[("3D/3dmodel.model", b"<model/>")])).contains("3MF"));
     assert!(refusal("a.usdz", &zip(&[("a.usdc", b"PXR-USDC")])).contains("USDZ"));
     refusal("a.zip", &one[..one.len() / 2]);

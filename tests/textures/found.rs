@@ -90,6 +90,8 @@ fn libraries_and_materials_are_found() {
         (format!("\u{feff}{OBJ}"), MTL.to_owned()),
         (OBJ.to_owned(), format!("\u{feff}{MTL}")),
         (OBJ.to_owned(), MTL.replace("newmtl", "NEWMTL")),
+        // An accent as one letter, and as macOS parts it.
+        (OBJ.replace("wood", "b\u{f6}den"), MTL.replace("wood", "bo\u{308}den")),
     ] {
         let dir = folder("tex.png");
         let said = convert(dir.path(), obj.as_bytes(), mtl.as_bytes(), 0);
@@ -115,6 +117,11 @@ fn a_mesh_without_any_of_its_images_is_short() {
     }
     let said = convert(folder, OBJ.as_bytes(), b"newmtl wood\nmap_Kd u.<UDIM>.png\n", 3);
     assert!(said.contains("set of tiles (UDIM)"), "{said}");
+    let mtl = b"newmtl wood\nmap_Kd -o 0 0 1\nKe 0 0 0\nmap_Ke other.png\n";
+    let said = convert(folder, OBJ.as_bytes(), mtl, 0);
+    for word in ["'map_Kd -o 0 0 1': their lines name no file", "Ke 0 0 0 leaves it dark"] {
+        assert!(said.contains(word), "{said}");
+    }
 }
 
 #[test]
@@ -126,6 +133,9 @@ fn names_of_images_in_ply_are_read_in_every_form() {
         "comment TextureFile \"tex.png\"",
         "obj_info TextureFile tex.png",
         "comment TextureFile TEX.png",
+        "comment TEXTURE_FILE tex.png",
+        "comment Texture File: tex.png",
+        "comment texture: tex.png",
     ] {
         let dir = folder("tex.png");
         let text = format!(

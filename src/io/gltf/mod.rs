@@ -14,6 +14,7 @@ mod materials_out;
 mod meshopt;
 mod meshopt_out;
 mod meshopt_vertices;
+mod opening;
 mod reader;
 mod scene;
 mod sparse;
@@ -27,7 +28,8 @@ mod weigh;
 mod writer;
 
 pub use document::Positions;
-pub(super) use reader::{looks_like, read};
+pub(super) use opening::looks_like;
+pub(super) use reader::read;
 pub use tile_in::{StoredPage, StoredTile, decode_tile, decode_tile_within};
 pub use tile_out::{TileForm, TileMesh, TilePage, encode_tile};
 pub use tile_scalars::TileScalar;

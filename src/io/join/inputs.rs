@@ -4,15 +4,14 @@
 //! as numbers. Nothing is opened here but folders and lists.
 
 use super::contents::{TileFrame, UpAxis, add_content};
-use super::limits::{LIST_SHARE, PART_BYTES, hold};
+use super::limits::LIST_SHARE;
+use super::lists::{list_of, paths_of};
 use super::{InputSet, MeshPart, affine, trees};
-use std::borrow::Cow;
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
-use stonecut_system::disk::{open_input, read_regular};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Loss, LossKind};
 use stonecut_system::memory::{budget_bytes, limit_bytes};
@@ -20,8 +19,6 @@ use stonecut_system::paths::{Paths, Role};
 
 /// Endings of mesh files, as they are looked for in folders.
 const ENDINGS: [&str; 6] = ["ply", "stl", "obj", "glb", "gltf", "b3dm"];
-/// Bytes of a list at most.
-const MOST_LIST_BYTES: u64 = 64 << 20;
 /// Folders in folders that are looked into.
 const MOST_DEPTH: usize = 8;
 
@@ -127,7 +124,7 @@ impl InputPaths {
                 let what = "'-' among several inputs: standard input is one mesh by itself";
                 return Err(Error::Usage(what.to_owned()));
             }
-            add(path, limit, &mut set)?;
+            add(path, (limit, self.skips_missing), &mut set)?;
         }
         if self.skips_missing && set.parts.iter().any(|part| part.path.exists()) {
             let InputSet { parts, losses, .. } = &mut set;
@@ -193,12 +190,6 @@ pub(super) fn left_out(error: &str) -> Loss {
     Loss::new(LossKind::Geometry, "files", "left out: cannot be read").example(error).whole()
 }
 
-/// The file of a list `@list.txt`.
-fn list_of(path: &Path) -> Option<Cow<'_, Path>> {
-    let name = path.to_str()?.strip_prefix('@').filter(|name| !name.is_empty())?;
-    (!path.exists()).then_some(Cow::Borrowed(Path::new(name)))
-}
-
 /// Returns whether a file describes a tree of tiles, by its name.
 fn is_tree(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name == "tileset.json")
@@ -214,37 +205,29 @@ fn full(path: &Path) -> PathBuf {
     std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf())
 }
 
-/// Adds what a path names; `limit` is the memory for lists and trees.
-fn add(path: &Path, limit: u64, set: &mut InputSet) -> Result<()> {
+/// Adds what a path names; `limit` is the memory for lists and trees, and folders that a list names and that hold no mesh are
+/// left out if `skips`.
+fn add(path: &Path, (limit, skips): (u64, bool), set: &mut InputSet) -> Result<()> {
     if let Some(list) = list_of(path) {
-        // Says by itself what is not a file.
-        open_input(&list)?;
-        let text = read_regular(&list, MOST_LIST_BYTES)
-            .map_err(|e| Error::reading(&*list, "cannot read", e))?;
-        let text = String::from_utf8(text)
-            .map_err(|_| Error::bad_input(&*list, "a list of files is text in UTF-8"))?;
-        let folder = list.parent().unwrap_or(Path::new(""));
-        let lines = text.lines().map(str::trim);
-        let lines = lines.filter(|line| !line.is_empty() && !line.starts_with('#'));
-        let needed = lines.clone().map(|line| PART_BYTES + 3 * line.len() as u64).sum();
-        hold(&list, "this list", needed, limit)?;
         let before = set.parts.len();
-        for line in lines {
-            let path = folder.join(line);
-            if list_of(Path::new(line)).is_some() {
-                return Err(Error::bad_input(&*list, format!("{line}: a list in a list")));
+        for path in paths_of(&list, limit)? {
+            match add(&path, (limit, skips), set) {
+                Err(error @ Error::BadInput { .. }) if skips && path.is_dir() => {
+                    set.losses.lose(left_out(&error.to_string()));
+                }
+                added => added?,
             }
-            add(&path, limit, set)?;
         }
         if set.parts.len() == before {
-            return Err(Error::bad_input(&*list, "this list names no file; give one path a line"));
+            return Err(Error::bad_input(&*list, "this list names no mesh; give one path a line"));
         }
         set.found_in.push(list.into_owned());
         return Ok(());
     }
     if path.is_dir() {
         let tree = path.join("tileset.json");
-        return if tree.is_file() { add(&tree, limit, set) } else { add_folder(path, set) };
+        let is_tree = tree.is_file();
+        return if is_tree { add(&tree, (limit, skips), set) } else { add_folder(path, set) };
     }
     if is_tree(path) {
         let InputSet { parts, found_in, repeated, losses } = trees::parts_of(path, limit)?;

@@ -7,6 +7,7 @@ mod contents;
 mod implicit;
 mod inputs;
 mod limits;
+mod lists;
 mod looks;
 mod places;
 mod schemas;

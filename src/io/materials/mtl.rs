@@ -94,11 +94,14 @@ pub fn read_library(
         };
         if let Some(kind) = is(&MAPS).or_else(|| is(&OTHER_MAPS)) {
             let (options, name) = options_and_name(after_word(word.len(), line));
-            if !name.is_empty() && out.list[number].map(kind).is_some() {
+            if name.is_empty() {
+                let loss = Loss::new(LossKind::Images, "images", "their lines name no file");
+                out.lose(loss.example(format!("'{}'", encodings::name(line.trim_ascii()))));
+            } else if out.list[number].map(kind).is_some() {
                 let what = format!("second {} of one material", kind.name());
                 let loss = Loss::new(LossKind::Images, what, "the first is taken");
                 out.lose(loss.example(format!("'{}'", encodings::name(name))));
-            } else if !name.is_empty() {
+            } else {
                 let data = ImageData::File(images.find(name));
                 let name = plain(&encodings::name(name));
                 let image = out.add_image(Image { name, data });
@@ -116,8 +119,9 @@ pub fn read_library(
     }
 }
 
-/// Takes the image of ambient colour for the colour image where a material has no other: some programs write only that.
-pub fn take_ambient_images(out: &mut Materials) {
+/// Takes the image of ambient colour for the colour image where a material has no other: some programs write only that. Names
+/// images of light that black leaves dark.
+pub fn settle_images(out: &mut Materials) {
     let mut taken = Vec::new();
     for material in &mut out.list {
         if let (None, Some(ambient)) = (material.map(MapKind::Base), material.map(MapKind::Ambient))
@@ -129,6 +133,14 @@ pub fn take_ambient_images(out: &mut Materials) {
     }
     for name in taken {
         let loss = Loss::new(LossKind::Images, "map_Ka", "taken for map_Kd, which is missing");
+        out.lose(loss.example(name).notice());
+    }
+    let is_dark =
+        |m: &&Material| m.emissive == Some([0.0; 3]) && m.map(MapKind::Emissive).is_some();
+    let dark = out.list.iter().filter(is_dark).map(|m| format!("material '{}'", m.name));
+    for name in dark.collect::<Vec<String>>() {
+        let loss =
+            Loss::new(LossKind::Images, "map_Ke", "Ke 0 0 0 leaves it dark: Ke 1 1 1 shows it");
         out.lose(loss.example(name).notice());
     }
 }

@@ -30,8 +30,8 @@ const IMAGE_FOLDERS: [&str; 8] =
 const ENDINGS: [&str; 10] =
     ["png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "tga", "ktx2", "exr"];
 
-/// The word in a name that stands for the number of a tile.
-const UDIM: &str = "<udim>";
+/// Words in a name that stand for the number of a tile, and the form of that: a digit for every 9.
+const UDIM: [(&str, &str); 3] = [("<udim>", "9999"), ("%(udim)d", "9999"), ("<uvtile>", "u9_v9")];
 
 /// Files of one name in folders below: the first of the likeliest, and their number.
 struct Below {
@@ -201,10 +201,12 @@ impl Search {
         if let Some(own) = listing.get(&lower) {
             return Some(folder.join(own));
         }
-        let (before, behind) = lower.split_once(UDIM)?;
+        let parts = |(word, form): &(&str, &'static str)| Some((lower.split_once(word)?, *form));
+        let ((before, behind), form) = UDIM.iter().find_map(parts)?;
         let is_tile = |name: &&String| {
             let number = name.strip_prefix(before).and_then(|rest| rest.strip_suffix(behind));
-            number.is_some_and(|n| n.len() == 4 && n.bytes().all(|b| b.is_ascii_digit()))
+            let digits = |n: &str| n.replace(|c: char| c.is_ascii_digit(), "9");
+            number.is_some_and(|n| digits(n) == form)
         };
         let mut tiles = listing.keys().filter(is_tile);
         match (tiles.next(), tiles.next()) {
@@ -216,7 +218,8 @@ impl Search {
 
 /// Returns whether a name stands for a set of tiles.
 pub(super) fn is_set_of_tiles(path: &Path) -> bool {
-    path.to_string_lossy().to_lowercase().contains(UDIM)
+    let name = path.to_string_lossy().to_lowercase();
+    UDIM.iter().any(|(word, _)| name.contains(word))
 }
 
 /// Material libraries in a folder: that of the mesh's own name, or else the only one.
@@ -259,7 +262,7 @@ fn is_drive(path: &str) -> bool {
 }
 
 /// A name in lower case with every accent in one form: macOS parts letters from them.
-fn folded(name: &str) -> String {
+pub fn folded(name: &str) -> String {
     name.to_lowercase().nfc().collect()
 }
 
@@ -380,6 +383,7 @@ mod tests {
             "stra\u{df}e.png",
             "\u{7eb9}\u{7406}.png",
             "u.1001.png",
+            "w_u1_v1.png",
         ] {
             std::fs::write(folder.join(name), "x").unwrap();
         }
@@ -397,6 +401,8 @@ mod tests {
             (b"a%20b.png", "a b.png"),
             (b"\x96\xd8.png", "\u{6728}.png"),
             (b"u.<UDIM>.png", "u.1001.png"),
+            (b"u.%(UDIM)d.png", "u.1001.png"),
+            (b"w_<UVTILE>.png", "w_u1_v1.png"),
             ("caf\u{e9}.png".as_bytes(), "cafe\u{301}.png"),
             (b"roof.jpg", "Textures/roof.jpg"),
             (b"D:\\x\\floor.png", "a/b/floor.png"),

@@ -1,6 +1,7 @@
 //! OBJ in and out, with texture coordinates at corners and the names of materials.
 
 mod reader;
+mod rows;
 mod texture;
 mod writer;
 

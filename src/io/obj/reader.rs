@@ -3,6 +3,7 @@
 //! Takes vertices, their colours, polygons, texture coordinates at corners, which material a face has (`texture`) and which
 //! object and group it is in; corner normals, lines and points have no place in a simplified mesh, and a note names them.
 
+use super::rows::{face, has_texture, is_cut, vertex, wide};
 use super::texture::{NO_MATERIAL, Named, TexturedFaces};
 use crate::encodings;
 use crate::extent::Extent;
@@ -11,9 +12,8 @@ use crate::names::{Name, NameList, OBJECT};
 use crate::open_options::StageOptions;
 use crate::ply::header::BYTE_ORDER_MARK;
 use crate::ply::raw::RawFile;
-use crate::ply::rows::MAX_CORNERS;
 use crate::ply::source::{Staged, TextureInfo};
-use crate::text_lines::{Lines, not_a_number, parse_number, parse_whole, without_comment, words};
+use crate::text_lines::{Lines, without_comment, words};
 use std::borrow::Cow;
 use std::sync::Arc;
 use stonecut_mesh::colours::{ColourSurvey, held, is_outside};
@@ -57,7 +57,7 @@ struct Summary {
     names: Names,
     comments: Vec<String>,
     /// Lines that a simplified mesh has no place for, as `LEFT_OUT` has them.
-    n_left_out: [u64; 4],
+    n_left_out: [u64; 5],
     /// Other lines that are not read, and the word that the first begins with.
     n_unknown: u64,
     unknown: String,
@@ -66,18 +66,20 @@ struct Summary {
 }
 
 /// Kinds of lines that are counted in `Summary::n_left_out`, as messages name them.
-const LEFT_OUT: [&str; 4] = [
+const LEFT_OUT: [&str; 5] = [
     "normals of corners (vn)",
     "lines and points (l, p)",
     "smoothing groups (s)",
     "curves and surfaces (vp, curv, surf)",
+    "numbers behind the coordinates of vertices (a weight, or unknown)",
 ];
 
-const LEFT_OUT_KINDS: [(LossKind, Severity); 4] = [
+const LEFT_OUT_KINDS: [(LossKind, Severity); 5] = [
     (LossKind::Normals, Severity::Notice),
     (LossKind::Elements, Severity::Partial),
     (LossKind::Normals, Severity::Notice),
     (LossKind::Elements, Severity::Partial),
+    (LossKind::Attributes, Severity::Partial),
 ];
 
 impl Summary {
@@ -92,6 +94,7 @@ impl Summary {
                     let vertex = vertex(words, skip_bad).map_err(|what| lines.bad(what))?;
                     summary.n_vertices += 1;
                     summary.extent.add(vertex.position);
+                    summary.n_left_out[4] += u64::from(vertex.has_more);
                     if let Some(colour) = vertex.colour {
                         summary.n_coloured += 1;
                         colour.iter().for_each(|&value| summary.colours.add(value));
@@ -201,59 +204,6 @@ impl Names {
     }
 }
 
-/// A `v` line.
-struct Vertex {
-    position: [f64; 3],
-    colour: Option<[f64; 3]>,
-    has_opacity: bool,
-}
-
-/// With `skip_bad`, what is missing or not a number is NaN.
-fn vertex<'a>(words: impl Iterator<Item = &'a [u8]>, skip_bad: bool) -> Result<Vertex, String> {
-    let mut values = [0.0; 7];
-    let mut n = 0;
-    for (place, word) in values.iter_mut().zip(words) {
-        *place = match parse_number(word) {
-            Some(value) => value,
-            None if skip_bad => f64::NAN,
-            None => {
-                let remedy =
-                    "repair the file, or drop such vertices and their faces with --skip-bad";
-                return Err(not_a_number("a coordinate of a vertex", word, remedy));
-            }
-        };
-        n += 1;
-    }
-    if n < 3 {
-        if !skip_bad {
-            let what = "a vertex has fewer than three coordinates; repair the file, or drop such vertices and their \
-                        faces with --skip-bad";
-            return Err(what.to_owned());
-        }
-        values[n..3].fill(f64::NAN);
-    }
-    let colour = (n >= 6).then(|| [values[3], values[4], values[5]]);
-    Ok(Vertex { position: [values[0], values[1], values[2]], colour, has_opacity: n == 7 })
-}
-
-/// `7/3` and `7/3/1` have texture coordinates, `7` and `7//1` have none.
-fn has_texture(corner: &[u8]) -> bool {
-    let mut parts = corner.split(|&b| b == b'/').skip(1);
-    parts.next().is_some_and(|part| !part.is_empty())
-}
-
-/// The vertex of a corner: from 1 upwards, or from -1 downwards from the last vertex so far.
-fn corner(word: &[u8], n_so_far: u64, n_vertices: u64) -> Option<u64> {
-    let number = word.split(|&b| b == b'/').next()?;
-    let number = parse_whole(number)?;
-    let id = match number {
-        0 => return None,
-        1.. => number as u64 - 1,
-        _ => n_so_far.checked_sub(number.unsigned_abs())?,
-    };
-    (id < n_vertices).then_some(id)
-}
-
 /// Reads an OBJ file into a PLY.
 pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
     let skip_bad = options.read.skip_bad;
@@ -289,7 +239,7 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
     let mut n_clamped = 0u64;
 
     let (mut vertices, mut faces) = (options.spool(), options.spool());
-    let (mut n_vertices, mut n_faces) = (0, 0);
+    let (mut n_vertices, mut n_faces, mut n_before, mut ends_cut) = (0, 0, 0, false);
     let (mut lines, mut line) = (Lines::of_obj(file), Vec::new());
     let mut row = Vec::new();
     while lines.next(&mut line)? {
@@ -336,7 +286,9 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
             }
             Some(b"f" | b"fo") => {
                 match face(words.clone(), n_vertices, summary.n_vertices, &mut row) {
-                    Ok(()) => {
+                    Ok(n_corners) => {
+                        ends_cut = lines.has_no_end && is_cut(words.clone(), n_before);
+                        n_before = n_corners;
                         if labels.is_empty() && summary.has_numbers() {
                             labels.extend_from_slice(&material.to_le_bytes());
                         }
@@ -360,6 +312,11 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
             }
             _ => {}
         }
+    }
+    if ends_cut {
+        let why =
+            "it has no end, and fewer or shorter corners than the others: the file may be cut off";
+        staged.losses.lose(Loss::new(LossKind::Geometry, "the last line, a face", why));
     }
     let n_white = summary.n_vertices - summary.n_coloured;
     let of_vertices = "colours of vertices";
@@ -415,46 +372,6 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
     drop(vertices);
     out.append_file(&faces)?;
     Ok((out.finish(file.path())?, staged))
-}
-
-/// Puts the corners of an `f` line into `row`, after their count.
-fn face<'a>(
-    words: impl Iterator<Item = &'a [u8]>,
-    n_so_far: u64,
-    n_vertices: u64,
-    row: &mut Vec<u8>,
-) -> Result<(), String> {
-    row.clear();
-    row.extend_from_slice(&[0; 4]);
-    let mut n = 0u32;
-    for word in words {
-        let Some(id) = corner(word, n_so_far, n_vertices) else {
-            let word: String = word
-                .iter()
-                .take(40)
-                .map(|&b| if b.is_ascii_graphic() { b as char } else { '?' })
-                .collect();
-            return Err(format!(
-                "the corner '{word}' names a vertex that does not exist (there are {n_vertices})"
-            ));
-        };
-        if wide(n_vertices) {
-            row.extend_from_slice(&id.to_le_bytes());
-        } else {
-            row.extend_from_slice(&(id as u32).to_le_bytes());
-        }
-        n += 1;
-    }
-    if u64::from(n) > MAX_CORNERS {
-        return Err(format!("a face has {n} corners; at most {MAX_CORNERS} are supported"));
-    }
-    row[..4].copy_from_slice(&n.to_le_bytes());
-    Ok(())
-}
-
-/// Returns whether ids need 8 bytes.
-fn wide(n_vertices: u64) -> bool {
-    n_vertices > 1 << 32
 }
 
 fn header(

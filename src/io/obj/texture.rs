@@ -6,8 +6,8 @@
 use crate::encodings;
 use crate::external_sort::{ExternalSort, halves, whole};
 use crate::materials::{
-    Material, Materials, Search, after_word, library_beside, plain, read_library,
-    take_ambient_images,
+    Material, Materials, Search, after_word, folded, library_beside, plain, read_library,
+    settle_images,
 };
 use crate::open_options::StageOptions;
 use crate::ply::raw::{RawFile, Spool};
@@ -120,7 +120,7 @@ impl Named {
         if known.contains(&false) {
             self.look_further(&mut libraries, &mut known, &mut out)?;
         }
-        take_ambient_images(&mut out);
+        settle_images(&mut out);
         for note in [libraries.search.note(), libraries.images.note()].into_iter().flatten() {
             out.note(note);
         }
@@ -155,13 +155,13 @@ impl Named {
         let mut alike: HashMap<String, usize> = HashMap::new();
         for (name, &number) in &self.numbers {
             for name in encodings::names(name) {
-                let first = alike.entry(plain(&name).to_lowercase()).or_insert(number);
+                let first = alike.entry(folded(&plain(&name))).or_insert(number);
                 *first = number.min(*first);
             }
         }
         let loose = |name: &[u8]| {
             let mut names = encodings::names(name).into_iter();
-            names.find_map(|name| alike.get(&plain(&name).to_lowercase()).copied())
+            names.find_map(|name| alike.get(&folded(&plain(&name))).copied())
         };
         let beside = library_beside(libraries.obj).filter(|path| !libraries.read.contains(path));
         if let Some(path) = beside.filter(|_| out.libraries.is_empty()) {

@@ -245,15 +245,24 @@ impl Header {
     }
 }
 
-/// The name that a comment or a line `obj_info` gives to an image: `TextureFile NAME`, also with a colon or `=`.
+/// The name that a comment or a line `obj_info` gives to an image: `TextureFile NAME`, also in two words or joined otherwise,
+/// with a colon or `=`, and `texture: NAME` with what looks like the name of a file.
 pub fn texture_file(line: &str) -> Option<&str> {
-    const WORD: &str = "TextureFile";
+    const WORDS: [&str; 5] =
+        ["TextureFile", "Texture_File", "Texture-File", "Texture File", "Texture"];
     let line = line.trim_start();
-    let word = line.get(..WORD.len()).filter(|word| word.eq_ignore_ascii_case(WORD))?;
+    let begins =
+        |word: &&str| line.get(..word.len()).is_some_and(|text| text.eq_ignore_ascii_case(word));
+    let word = WORDS.iter().find(|word| begins(word))?;
     let rest = &line[word.len()..];
     let is_word = rest.starts_with([':', '=', ' ', '\t']) || rest.is_empty();
     let rest = rest.trim_start();
-    is_word.then(|| rest.strip_prefix([':', '=']).unwrap_or(rest).trim())
+    let name = rest.strip_prefix([':', '=']);
+    let is_file = |name: &str| {
+        name.rsplit_once('.').is_some_and(|(_, end)| (3..=4).contains(&end.trim().len()))
+    };
+    let is_named = *word != "Texture" || name.is_some_and(is_file);
+    (is_word && is_named).then(|| name.unwrap_or(rest).trim())
 }
 
 struct Parser<'a> {
@@ -357,13 +366,14 @@ impl<'a> Parser<'a> {
     }
 
     fn format(&self, rest: &[u8]) -> Result<Encoding> {
-        match split_word(rest).0 {
+        let word = split_word(rest).0;
+        match word.to_ascii_lowercase().as_slice() {
             b"ascii" => Ok(Encoding::Ascii),
             b"binary_little_endian" => Ok(Encoding::BinaryLittleEndian),
             b"binary_big_endian" => Ok(Encoding::BinaryBigEndian),
-            other => Err(self.bad(format!(
+            _ => Err(self.bad(format!(
                 "format '{}' is none of ascii, binary_little_endian, binary_big_endian",
-                shorten(&text(other))
+                shorten(&text(word))
             ))),
         }
     }

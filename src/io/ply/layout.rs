@@ -15,6 +15,7 @@ use super::scan::{Fault, Mark};
 use super::strips::{StripIndex, index_strips};
 use std::sync::{Arc, Mutex};
 use stonecut_system::error::{Error, Result};
+use stonecut_system::losses::{Loss, LossKind};
 
 /// Runs `$body` with a scan of the file's encoding that stands at `$mark`.
 macro_rules! with_scan {
@@ -72,6 +73,8 @@ pub struct Layout {
     pub face_element: Option<usize>,
     /// Posts in rows and columns, where there are no faces.
     pub grid: Option<RangeGrid>,
+    /// A remark on what lies behind the last element.
+    pub rest: Option<Loss>,
 }
 
 /// Finds vertices and faces; with `skip_bad`, as many as a truncated file still holds.
@@ -106,6 +109,7 @@ pub fn locate(file: &RawFile, header: &Header, skip_bad: bool) -> Result<Layout>
             vertex_element,
             face_element,
             grid: None,
+            rest: None,
         },
     };
     let last = vertex_element.max(face_element.or(posts.map(|grid| grid.element)).unwrap_or(0));
@@ -128,6 +132,9 @@ pub fn locate(file: &RawFile, header: &Header, skip_bad: bool) -> Result<Layout>
         } else {
             walk.pass(element)?;
         }
+    }
+    if posts.is_none() {
+        walk.out.rest = walk.rest(&header.elements[last + 1..])?;
     }
     Ok(walk.out)
 }
@@ -251,6 +258,7 @@ impl Walk<'_> {
         } else {
             self.out.n_face_rows = element.count;
             self.out.n_triangles = element.count;
+            self.at.offset = offset + all_bytes;
         }
         if let Some(rows) = fixed {
             let (checked, fallback) = (Checked::default(), Mutex::new(None));
@@ -264,11 +272,34 @@ impl Walk<'_> {
     /// A file that ends right behind rows of triangles of one size, and these, holds nothing but
     /// triangles: one polygon more would make it longer.
     fn bytes_behind(&self) -> Option<u64> {
-        let behind = &self.header.elements[self.out.face_element? + 1..];
-        behind.iter().try_fold(0u64, |sum, element| {
+        self.bytes_of(&self.header.elements[self.out.face_element? + 1..])
+    }
+
+    /// Bytes of all rows of some elements; `None` if that is unknown.
+    fn bytes_of(&self, elements: &[Element]) -> Option<u64> {
+        elements.iter().try_fold(0u64, |sum, element| {
             let bytes = if element.count == 0 { 0 } else { self.fixed_bytes(element)? };
             sum.checked_add(bytes.checked_mul(element.count)?)
         })
+    }
+
+    /// The remark on bytes behind all elements, of which `behind` were not looked at. Padding is not named.
+    fn rest(&self, behind: &[Element]) -> Result<Option<Loss>> {
+        let Some(bytes) = self.bytes_of(behind) else { return Ok(None) };
+        let at = self.at.offset.saturating_add(bytes);
+        let mut first = [0; 4096];
+        let n = if at < self.file.len() { self.file.read_at_most(&mut first, at)? } else { 0 };
+        let is_padding = |b: &u8| b.is_ascii_whitespace() || matches!(b, 0 | 0x1a);
+        if first[..n].iter().all(is_padding) {
+            return Ok(None);
+        }
+        let what = match first[..n].trim_ascii_start().starts_with(b"ply") {
+            true => "another PLY file stands behind this one: left out; give them one by one",
+            false => "the header promises fewer rows than there are: the rest is left out",
+        };
+        let what =
+            format!("byte offset {at}, {} bytes before the end: {what}", self.file.len() - at);
+        Ok(Some(Loss { kind: LossKind::Elements, ..Loss::remark(what) }))
     }
 
     /// The layout of rows of one size, if the first row, the file's length and a few probes agree on it.

@@ -5,7 +5,7 @@ use super::VertexBlock;
 use super::placed::Placed;
 use super::raw::Spool;
 use super::source::MeshSource;
-use crate::sidecars::{CRS, Georeference, LIES_AT, UNKNOWN, crs_in};
+use crate::sidecars::{CRS, Georeference, LIES_AT, UNKNOWN, crs_in, lost_axes};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use stonecut_mesh::bounds::Bounds;
@@ -27,6 +27,7 @@ impl MeshSource {
     ///
     /// Errors: those of reading; places that are not finite.
     pub fn place(&mut self, placing: &Placing) -> Result<()> {
+        self.note_axes(placing);
         if placing.is_none() {
             return Ok(());
         }
@@ -77,14 +78,14 @@ impl MeshSource {
         if crs_in(self.comments()).is_some() {
             return None;
         }
-        let Some(mut found) = Georeference::beside(mesh) else {
-            if let Some(path) = Georeference::broken_beside(mesh) {
-                let loss =
-                    Loss::new(LossKind::Precision, "the place of the mesh", "is not understood");
-                self.staged.losses.lose(loss.example(format!("{}", path.display())));
-            }
-            return None;
-        };
+        let found = Georeference::beside(mesh);
+        if found.as_ref().is_none_or(|found| found.crs.is_empty())
+            && let Some(path) = Georeference::broken_beside(mesh)
+        {
+            let loss = Loss::new(LossKind::Precision, "the place of the mesh", "is not understood");
+            self.staged.losses.lose(loss.example(format!("{}", path.display())));
+        }
+        let mut found = found?;
         if found.crs.is_empty() && found.offset == [0.0; 3] {
             return None;
         }
@@ -120,6 +121,14 @@ impl MeshSource {
         let schema = self.schema();
         let first = block.records.get(..schema.record_bytes()).map(|row| schema.position(row));
         first.is_some_and(|p| (0..3).all(|k| (p[k] - offset[k]).abs() <= NEAR * far))
+    }
+
+    /// Enters what becomes of the place on a map where axes stay as they are.
+    fn note_axes(&mut self, placing: &Placing) {
+        let lost = |is_glb| lost_axes(self.comments(), self.file_format() == "glTF", is_glb);
+        if let Some(loss) = placing.keeps_axes.and_then(lost) {
+            self.staged.losses.lose(loss);
+        }
     }
 
     /// Adds the remark on the place that was found beside a mesh.

@@ -158,7 +158,8 @@ impl MeshSource {
     /// Reads the header. Fails as `BadInput` where the file breaks its format.
     pub fn new(file: RawFile, options: ReadOptions) -> Result<Self> {
         let header = Header::read(&file)?;
-        let layout = locate(&file, &header, options.skip_bad)?;
+        let mut layout = locate(&file, &header, options.skip_bad)?;
+        let notes = layout.rest.take().into_iter().collect();
         let vertex = &header.elements[layout.vertex_element];
         let plan = FieldPlan::new(vertex, header.encoding)
             .map_err(|what| file.bad(format!("element vertex: {what}")))?;
@@ -175,7 +176,7 @@ impl MeshSource {
             hidden: None,
             n_outside: 0,
             crossing: Mutex::default(),
-            staged: Staged::default(),
+            staged: Staged { notes, ..Staged::default() },
         };
         source.survey_colours();
         source.give_up_names();

@@ -1,10 +1,12 @@
 //! Materials as PLY files have them: comments that name images, and the number that each face has.
 //!
 //! `comment TextureFile PATH` in the order of numbers is what MeshLab and others read. Names of materials follow as
-//! `comment usemtl NAME`, which only this program reads, where the images' names do not give them.
+//! `comment usemtl NAME`, which only this program reads, where the images' names do not give them; in ASCII, as names of objects
+//! are.
 
 use super::header::{Header, texture_file};
 use crate::materials::{Materials, Search, TexturePlan};
+use crate::names::{escaped, unescaped};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use stonecut_mesh::property::{Scalar, read_scalar, write_scalar};
@@ -16,7 +18,7 @@ const NAME: &str = "usemtl ";
 pub(super) fn materials_of(header: &Header, path: &Path) -> Option<Arc<Materials>> {
     let names: Vec<String> = (header.comments.iter())
         .filter_map(|line| line.strip_prefix(NAME))
-        .map(|name| name.trim().to_owned())
+        .map(|name| unescaped(name.trim()))
         .collect();
     let mut search = Search::new("image", &[folder_of(path)]);
     let file = |name: String| {
@@ -55,7 +57,7 @@ pub(super) fn comments(plan: &TexturePlan) -> Vec<String> {
         order.iter().map(|&number| plan.materials.list[number].name.clone()).collect();
     let plain = Materials::of_files(&files, &vec![String::new(); order.len() - files.len()]);
     let is_plain = plain.list.iter().map(|m| &m.name).eq(&names);
-    let named = names.iter().filter(|_| !is_plain).map(|name| format!("{NAME}{name}"));
+    let named = names.iter().filter(|_| !is_plain).map(|name| format!("{NAME}{}", escaped(name)));
     paths.iter().map(|path| format!("TextureFile {path}")).chain(named).collect()
 }
 

@@ -10,7 +10,8 @@ mod weld;
 
 use crate::error::{Error, Result};
 use crate::io::ply::OutputHeader;
-use crate::io::{MeshSink, OutputFormat};
+use crate::io::sidecars::lost_axes;
+use crate::io::{MeshSink, OutputFormat, OutputKind};
 use crate::kernel::{self, Fit, Options, Stop};
 use crate::mesh::bounds::Bounds;
 use crate::mesh::property::{Property, Scalar};
@@ -257,7 +258,10 @@ fn write(
         sink.write_vertices(&records)?;
     }
     sink.write_faces_u32(&mesh.triangles)?;
-    let losses = sink.losses();
+    let mut losses = sink.losses();
+    let is_glb = config.format.kind_of(&config.output) == OutputKind::Glb;
+    let lost = lost_axes(&tree.comments, tree.is_y_up, is_glb);
+    lost.into_iter().for_each(|loss| losses.lose(loss));
     Ok((sink.finish()?, losses))
 }
 

@@ -58,6 +58,8 @@ pub(super) struct Tree {
     pub(super) has_normals: bool,
     /// Properties of vertices that tiles have as attributes.
     pub(super) scalars: Vec<TileScalar>,
+    /// True if y points upwards, as in glTF.
+    pub(super) is_y_up: bool,
 }
 
 /// The largest distances that are allowed, in units of the mesh.
@@ -117,7 +119,9 @@ impl Tree {
         let has_normals = facts["normals"].as_str() == Some("given");
         let comments = place_comments(&set.extras["stonecut"]);
         let origin = [x, y, z];
-        let mut tree = Tree { comments, origin, step, has_normals, scalars, ..Tree::default() };
+        let is_y_up = !is_z_up;
+        let mut tree =
+            Tree { comments, origin, step, has_normals, scalars, is_y_up, ..Tree::default() };
         let TreeReader { mut nodes, facts, .. } = reader;
         let numbers: BTreeMap<(u32, u32), usize> = facts.keys().copied().zip(0..).collect();
         tree.groups = facts

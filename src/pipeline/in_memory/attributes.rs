@@ -8,8 +8,8 @@ use super::regions::FaceRegions;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::codec::{ChannelKind, TEXTURE_NAMES, VertexCodec};
-use crate::mesh::patches::PatchCount;
-use crate::mesh::property::{Origin, Property, Scalar};
+use crate::mesh::patches::{PatchCount, WholeValues};
+use crate::mesh::property::{Origin, Property, Scalar, read_scalar};
 use crate::mesh::record::VertexSchema;
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
@@ -103,15 +103,24 @@ impl<'a> Attributes<'a> {
         let Some((schema, codec)) = &mut self.plan else { return };
         let step = triangles.len().div_ceil(PatchCount::SAMPLE).max(1);
         let is_label = schema.label_properties(&self.labels);
-        for (i, column) in self.columns.iter().enumerate().filter(|(i, _)| is_label[*i]) {
-            let mut count = PatchCount::default();
+        let may_be_label = schema.float_properties(&self.labels);
+        let looked_at = |(i, _): &(usize, _)| is_label[*i] || may_be_label[*i];
+        for (i, column) in self.columns.iter().enumerate().filter(looked_at) {
+            let (mut count, mut whole) = (PatchCount::default(), WholeValues::default());
+            let scalar = column.property.scalar;
             for t in triangles.iter().step_by(step) {
-                count.add(t.map(|v| {
+                let values = t.map(|v| {
                     let at = v as usize * column.stride + column.offset;
-                    column.bytes.get(at..at + column.property.scalar.bytes())
-                }));
+                    column.bytes.get(at..at + scalar.bytes())
+                });
+                count.add(values);
+                if may_be_label[i] {
+                    let numbers = values.into_iter().flatten();
+                    numbers.for_each(|bytes| whole.add(read_scalar(scalar, bytes, 0)));
+                }
             }
-            schema.properties[i].is_patchy = count.is_patchy(step == 1);
+            let is_one = is_label[i] || whole.are_labels();
+            schema.properties[i].is_patchy = is_one && count.is_patchy(step == 1);
         }
         *codec = schema.kernel_codec(&self.labels);
         self.channel_kinds = codec.channel_kinds(schema);

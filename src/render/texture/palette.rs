@@ -197,14 +197,18 @@ impl Palette {
         let is_seen =
             |number: usize| is_used(number, &|kind| SEEN.contains(&kind) && purpose.uses(kind));
         for (number, image) in materials.images.iter().enumerate() {
-            if !is_needed(number) {
-                self.images.push(None);
-                continue;
-            }
             let name = match &image.data {
                 ImageData::File(path) => path.display().to_string(),
                 ImageData::Inside(_) => image.name.clone(),
             };
+            if !is_needed(number) {
+                self.images.push(None);
+                // The output is without it either way, but the file is missed.
+                if let (Purpose::Bake(_), Err(fault)) = (purpose, look_at_image(&image.data)) {
+                    self.losses.lose(Loss::new(LossKind::Images, "image", fault).example(name));
+                }
+                continue;
+            }
             let mut doubt = None;
             let found = look_at_image(&image.data).and_then(|facts| {
                 doubt.clone_from(&facts.fault);
