@@ -72,10 +72,12 @@ impl Wkt<'_> {
                         found.is_compound = begins(at, &["COMPD_CS", "COMPOUNDCRS"]);
                     } else if begins(at, &["AUTHORITY", "ID"]) {
                         let code = code_in(&text[at + 1..]);
-                        let child = found.children.last_mut().filter(|_| depth == 2);
-                        if let Some(place) = if depth == 1 { Some(&mut found.own) } else { child } {
-                            *place = code;
-                        }
+                        let place = match depth {
+                            1 => Some(&mut found.own),
+                            2 => found.children.last_mut(),
+                            _ => None,
+                        };
+                        place.into_iter().for_each(|place| *place = code);
                     } else if depth == 1 {
                         found.children.push(None);
                     }
