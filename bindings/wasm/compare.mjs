@@ -1,10 +1,15 @@
 // Times this package beside npm's meshoptimizer, and writes both results for `stonecut measure`:
 //
-//     node compare.mjs IN.ply RATIO... [--out FOLDER]        (float PLY, little-endian, of triangles alone; npm i meshoptimizer before)
+//     node compare.mjs IN.ply RATIO... [--out FOLDER] [--browser]   (float PLY, little-endian, of triangles alone; npm i meshoptimizer before)
+//
+// CPU seconds in node; with --browser seconds of a worker in a page.
 import { readFileSync, writeFileSync } from "node:fs";
+import { browser, inBrowser } from "./browser.mjs";
 import { simplify } from "./stonecut.mjs";
 
 const words = process.argv.slice(2);
+const inPage = words.includes("--browser");
+if (inPage) words.splice(words.indexOf("--browser"), 1);
 const at = words.indexOf("--out");
 const folder = at < 0 ? "." : words.splice(at, 2)[1];
 const [input, ...ratios] = words;
@@ -36,28 +41,69 @@ function write(path, positions, indices) {
     writeFileSync(path, Buffer.concat([Buffer.from(header), Buffer.from(positions.buffer, positions.byteOffset, 12 * n), rows]));
 }
 
+const RUNS = 5;
+/// Both peers, by name: arrays and a ratio in, arrays out.
+const PEERS = {
+    stonecut: (positions, indices, ratio) => simplify(positions, indices, { ratio }),
+    meshoptimizer: async (positions, indices, ratio) => {
+        const wanted = 3 * Math.floor((ratio * indices.length) / 3);
+        const [left] = MeshoptSimplifier.simplify(indices, positions, 3, wanted, 1e9);
+        return { positions, indices: left };
+    },
+};
+
+/// The least seconds of each peer, and what it made, in this process.
+async function inNode(name, positions, indices, ratio) {
+    const times = [];
+    let made;
+    for (let k = 0; k < RUNS; k++) {
+        const begun = process.cpuUsage();
+        made = await PEERS[name](positions, indices, ratio);
+        const { user, system } = process.cpuUsage(begun);
+        times.push((user + system) / 1e6);
+    }
+    return { ...made, seconds: Math.min(...times) };
+}
+
+/// The same in a worker of a page.
+async function inWorker(name, positions, indices, ratio) {
+    const bytes = ({ buffer, byteOffset, byteLength }) => Buffer.from(buffer, byteOffset, byteLength);
+    const worker = `import { simplify } from "/stonecut.mjs";
+        import { MeshoptSimplifier } from "/node_modules/meshoptimizer/meshopt_simplifier.js";
+        await MeshoptSimplifier.ready;
+        const peer = ${PEERS[name]};
+        const get = async (path) => (await fetch(path)).arrayBuffer();
+        const [positions, indices] = [new Float32Array(await get("/positions")), new Uint32Array(await get("/indices"))];
+        const times = [];
+        let made;
+        for (let k = 0; k < ${RUNS}; k++) {
+            const begun = performance.now();
+            made = await peer(positions, indices, ${ratio});
+            times.push((performance.now() - begun) / 1000);
+        }
+        for (const [path, body] of [["/p", made.positions], ["/i", made.indices], ["/done", String(Math.min(...times))]]) {
+            await fetch(path, { method: "POST", body });
+        }`;
+    const given = {
+        "/page.html": `<!doctype html><script>new Worker("/worker.mjs", { type: "module" })</script>`,
+        "/worker.mjs": worker,
+        "/positions": bytes(positions),
+        "/indices": bytes(indices),
+    };
+    const posted = await inBrowser(program, { folder: new URL(".", import.meta.url).pathname, given, page: "/page.html" });
+    const array = (path, type) => new type(Uint8Array.from(posted.get(path)).buffer);
+    return { positions: array("/p", Float32Array), indices: array("/i", Uint32Array), seconds: Number(posted.get("/done")) };
+}
+
+const program = inPage ? browser() : undefined;
+if (inPage && !program) throw new Error("no browser on this machine; CHROMIUM=... names one");
 const [positions, indices] = read(input);
 console.log(`${indices.length / 3} triangles`);
 for (const ratio of ratios.map(Number)) {
-    const peers = {
-        stonecut: async () => simplify(positions, indices, { ratio }),
-        meshoptimizer: async () => {
-            const wanted = 3 * Math.floor((ratio * indices.length) / 3);
-            const [left] = MeshoptSimplifier.simplify(indices, positions, 3, wanted, 1e9);
-            return { positions, indices: left };
-        },
-    };
-    for (const [name, run] of Object.entries(peers)) {
-        const times = [];
-        let made;
-        for (let k = 0; k < 5; k++) {
-            const begun = process.cpuUsage();
-            made = await run();
-            const { user, system } = process.cpuUsage(begun);
-            times.push((user + system) / 1e6);
-        }
-        times.sort((a, b) => a - b);
+    for (const name of Object.keys(PEERS)) {
+        const made = await (inPage ? inWorker : inNode)(name, positions, indices, ratio);
         write(`${folder}/${name}-${ratio}.ply`, made.positions, made.indices);
-        console.log(`${name} ${ratio}: ${made.indices.length / 3} triangles, ${times[0].toFixed(2)} s of CPU time, least of 5`);
+        const what = inPage ? "of a worker in a page" : "of CPU time";
+        console.log(`${name} ${ratio}: ${made.indices.length / 3} triangles, ${made.seconds.toFixed(2)} s ${what}, least of ${RUNS}`);
     }
 }

@@ -1,7 +1,8 @@
 //! The job of `simplify`: run, and recognised where an earlier run has done it.
 //!
 //! The proof is in the report of that run (`done`) and in a note on its output: the same settings, input and files beside it with the same
-//! marks, and outputs that nothing has changed since. Where the file system keeps no notes and there is no report, the output is in the way.
+//! marks, and outputs that nothing has changed since, with the files of `--map`, `--seams` and `--progressive`. Where the file system keeps no
+//! notes and there is no report, the output is in the way.
 
 use super::log::EXIT_SHORT;
 use super::outcome::close;
@@ -103,7 +104,12 @@ fn record(config: &Config, input: BTreeMap<String, String>, exit_code: u8) -> Op
     }
     let marks =
         |path: &std::path::PathBuf| Some((path.display().to_string(), file_marks(path).ok()?));
-    let outputs = config.outputs().map(|path| marks(&path.to_path_buf())).collect::<Option<_>>()?;
+    let outputs = config.outputs().map(|path| marks(&path.to_path_buf()));
+    let mut outputs = outputs.collect::<Option<BTreeMap<_, _>>>()?;
+    // A file beside that is gone afterwards is missing from the next record.
+    let progressive = config.progressive.as_ref().map(|progressive| &progressive.path);
+    let sides = [&config.checks.seams, &config.map].into_iter().flatten().chain(progressive);
+    outputs.extend(sides.filter_map(marks));
     Some(DoneRecord { settings: settings(config), input, outputs, exit_code })
 }
 
@@ -144,10 +150,7 @@ pub(super) fn done_before(config: &Config, report: Option<&Path>) -> Option<u8> 
     let is_input = done.input.iter().all(|(name, value)| input.get(name) == Some(value));
     let now = record(config, done.input.clone(), done.exit_code)?;
     let now = if report.is_some() { now } else { sealed(now) };
-    // Side files are not looked at.
-    let has_sides =
-        config.checks.seams.is_some() || config.progressive.is_some() || config.map.is_some();
-    (is_input && !has_sides && now == done).then_some(done.exit_code)
+    (is_input && now == done).then_some(done.exit_code)
 }
 
 /// The stages of a job that are done, by name.

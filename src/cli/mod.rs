@@ -43,6 +43,7 @@ mod synth;
 mod terminal;
 mod tiles;
 mod transfer;
+mod tree_receipt;
 mod used;
 mod verify;
 mod work;
@@ -239,8 +240,10 @@ impl Typed {
 
     /// Notes the whole command line for a receipt.
     fn keep_words(&mut self, words: &[std::ffi::OsString]) {
-        if let Typed::Simplify(args) = self {
-            args.receipt.words = words.to_vec();
+        match self {
+            Typed::Simplify(args) => args.receipt.words = words.to_vec(),
+            Typed::Tiles(args) => args.receipt.words = words.to_vec(),
+            _ => {}
         }
     }
 

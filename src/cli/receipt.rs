@@ -1,8 +1,9 @@
-//! `--receipt` and `--sign` of `simplify`: a receipt is filled in from the files once they are whole.
+//! `--receipt` and `--sign` of `simplify` and `tiles`: a receipt is filled in from the files once they are whole.
 
 use super::arguments::require_ending;
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::io::InputPaths;
 use crate::io::ply::MeshSource;
 use crate::io::sidecars::Georeference;
 use crate::measure::compare::compare;
@@ -57,8 +58,8 @@ const MOST_KEY_BYTES: u64 = 64 << 10;
 /// Options about the receipt.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(super) struct TypedReceipt {
-    /// Write a receipt: hashes of the input and the output with their images, settings, counts, losses, and the distance between the
-    /// two, proven as by 'measure --certify'. 'stonecut verify' checks it.
+    /// Write a receipt: hashes of all files of input and output, settings, counts, losses, and the distance between the
+    /// two, proven as by 'measure --certify'; of tiles the distances that they state. 'stonecut verify' checks it.
     #[arg(long, value_name = "FILE.json")]
     receipt: Option<PathBuf>,
     /// With --receipt: sign it with a secret key of minisign that has no password, in FILE.json.minisig.
@@ -131,7 +132,12 @@ pub(super) struct ReceiptWriter {
 }
 
 impl ReceiptWriter {
-    /// Hashes and measures the files, and writes the receipt. `output` is as typed; `is_program` if this is the whole process.
+    /// The path of the receipt.
+    pub(super) fn path(&self) -> &Path {
+        self.to.path()
+    }
+
+    /// Hashes and measures the files, and writes the receipt.
     pub(super) fn write(
         &self,
         typed: Typed,
@@ -140,8 +146,7 @@ impl ReceiptWriter {
     ) -> Result<()> {
         let (config, report) = run;
         let mut hashes = Hashes::beside(self.to.path(), progress)?;
-        let given = config.input.given().iter().map(|path| name_given(path, &hashes));
-        let given = given.collect::<Result<_>>()?;
+        let given = names_given(&config.input, &hashes)?;
         let taken = take(config, given, TOLERANCE, &mut hashes, progress)?;
         // The hashes are of what the run has read and written, or of nothing.
         if let Some(done) = &report.done {
@@ -150,23 +155,30 @@ impl ReceiptWriter {
                 unchanged(&path.as_str().into(), marks, Ok(()))?;
             }
         }
-        let build = match std::env::current_exe() {
-            Ok(program) if typed.is_program => Some(of_file(&program, progress)?.sha256),
-            _ => None,
-        };
         let receipt = Receipt {
             about: ABOUT.to_owned(),
             coordinates: taken.coordinates,
             input: taken.input,
             losses: report.losses.clone(),
-            options: options(typed.line, &self.words),
+            options: self.options(&typed),
             outcome: outcome_of(report),
             output: hashes.name(typed.output)?,
             outputs: taken.outputs,
-            program: MadeBy { build, version: env!("CARGO_PKG_VERSION").to_owned() },
+            program: made_by(&typed, progress)?,
             settings: report.settings.clone(),
             sha256: String::new(),
+            tree: None,
         };
+        self.seal(receipt, progress)
+    }
+
+    /// The options that decide the bytes.
+    pub(super) fn options(&self, typed: &Typed) -> Vec<String> {
+        options(typed.line, &self.words)
+    }
+
+    /// Writes a receipt that is filled in, and its signature.
+    pub(super) fn seal(&self, receipt: Receipt, progress: &Progress) -> Result<()> {
         let bytes = receipt.sealed()?;
         progress.check()?;
         write_whole(self.to.place(&Disk::default()), &bytes)?;
@@ -186,6 +198,20 @@ pub(super) struct Typed<'a> {
     pub(super) line: fn() -> clap::Command,
     /// True if stonecut is the process, false within another program.
     pub(super) is_program: bool,
+}
+
+/// The program of this process.
+pub(super) fn made_by(typed: &Typed, progress: &Progress) -> Result<MadeBy> {
+    let build = match std::env::current_exe() {
+        Ok(program) if typed.is_program => Some(of_file(&program, progress)?.sha256),
+        _ => None,
+    };
+    Ok(MadeBy { build, version: env!("CARGO_PKG_VERSION").to_owned() })
+}
+
+/// The names of inputs as typed.
+pub(super) fn names_given(input: &InputPaths, hashes: &Hashes) -> Result<Vec<String>> {
+    input.given().iter().map(|path| name_given(path, hashes)).collect()
 }
 
 /// The name of an input as typed; a list keeps its mark.
@@ -266,16 +292,11 @@ pub(super) fn take(
         let pair = MeasuredPair::open(config, output)?;
         let (distance, [original, simplified]) = enclose(&pair, config, tolerance, progress)?;
         if number == 0 {
-            let georeference = Georeference::beside(&config.input.first());
             let mut beside = companions(&pair.original, hashes)?;
             beside.retain(|name, _| !taken.input.files.contains_key(name));
             taken.input.beside = beside;
             taken.input.counts = counts(&original)?;
-            taken.coordinates = ReceiptPlace {
-                offset: georeference.as_ref().map(|found| found.offset),
-                recentred: pair.original.offset(),
-                system: georeference.map(|found| found.crs).filter(|crs| !crs.is_empty()),
-            };
+            taken.coordinates = place_of(&config.input, &pair.original);
         }
         let mut files = companions(&pair.simplified, hashes)?;
         let (path, file) = hashes.entry(output)?;
@@ -303,8 +324,18 @@ pub(super) fn enclose(
     Ok((distance, [measured.original, measured.simplified]))
 }
 
+/// The place of an input on the globe.
+pub(super) fn place_of(input: &InputPaths, source: &MeshSource) -> ReceiptPlace {
+    let georeference = Georeference::beside(&input.first());
+    ReceiptPlace {
+        offset: georeference.as_ref().map(|found| found.offset),
+        recentred: source.offset(),
+        system: georeference.map(|found| found.crs).filter(|crs| !crs.is_empty()),
+    }
+}
+
 /// The files that a mesh names.
-fn companions(source: &MeshSource, hashes: &mut Hashes) -> Result<HashedFiles> {
+pub(super) fn companions(source: &MeshSource, hashes: &mut Hashes) -> Result<HashedFiles> {
     let named = source.materials().into_iter().flat_map(|materials| materials.files());
     let buffers = source.beside().iter().map(PathBuf::as_path);
     buffers.chain(named).map(|path| hashes.entry(path)).collect()

@@ -6,7 +6,9 @@ use super::inputs::InOut;
 use super::log::{Log, Talk};
 use super::outcome::{stage_line, write_json};
 use super::placing::{TypedMoves, TypedTransform, Up, numbers, parse_transform};
+use super::receipt::{self, TypedReceipt};
 use super::session::{Command, Session};
+use super::tree_receipt::{self, TilesRun};
 use crate::error::{Offers, Result};
 use crate::io::Weld;
 use crate::io::globe::{Crs, east_north_up, east_north_up_of};
@@ -14,7 +16,7 @@ use crate::io::sidecars::Georeference;
 use crate::mesh::placing::Placing;
 use crate::pipeline::tiles::report::TilesReport;
 use crate::pipeline::tiles::{
-    Finest, TILE_TRIANGLES, TileTexture, TilesConfig, make_tiles, prepare_tiles,
+    Finest, PreparedTiles, TILE_TRIANGLES, TileTexture, TilesConfig, make_tiles, prepare_tiles,
 };
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::Seen;
@@ -99,6 +101,8 @@ pub struct Args {
     /// Write a report in JSON.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) receipt: TypedReceipt,
 }
 
 /// The choices of `--compress`.
@@ -192,7 +196,7 @@ fn take_place(
 
 impl Args {
     /// Turns the options that were typed into decided settings.
-    fn config(&self) -> Result<TilesConfig> {
+    pub(super) fn config(&self) -> Result<TilesConfig> {
         let default = TilesConfig::new(&self.paths.input, &self.paths.output);
         let transform = match (self.geo, self.transform) {
             (Some(Geo(place)), _) => east_north_up(place),
@@ -227,16 +231,30 @@ impl Args {
             ..default
         })
     }
+
+    /// Opens the input and plans the run, at the place that was typed or that the mesh names; with a line on that.
+    pub(super) fn prepare(
+        &self,
+        mut config: TilesConfig,
+    ) -> Result<(PreparedTiles, TilesConfig, Option<String>)> {
+        let is_placed = self.geo.is_some() || self.transform.is_some();
+        let typed = if is_placed { Some(&TypedCrs::None) } else { self.crs.as_ref() };
+        let prepared = prepare_tiles(&config)?;
+        let place = take_place(prepared.source.georeference(), typed, &mut config);
+        // glTF has y upwards by its standard.
+        config.is_z_up &= self.up.is_some() || prepared.source.file_format() != "glTF";
+        Ok((prepared, config, place))
+    }
 }
 
 impl Command for Args {
     fn paths(&self) -> Result<Paths> {
         let job_folder =
             super::arguments::job_folder(&self.paths.output, self.temp_dir.as_deref())?;
+        let paths = self.paths.input.add_to(Paths::new(self.force), "INPUT")?;
         Ok(self
-            .paths
-            .input
-            .add_to(Paths::new(self.force), "INPUT")?
+            .receipt
+            .add_to(paths, [&self.paths.input, &self.paths.output])?
             .with(Role::OutputFolder, "OUTPUT", &self.paths.output)
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
@@ -255,15 +273,12 @@ impl Command for Args {
 fn make(args: &Args, session: &mut Session) -> Result<CommandEnd> {
     let progress = session.progress;
     let report_to = args.report.as_deref().map(Seen::new);
-    let mut config = args.config()?;
-    let is_placed = args.geo.is_some() || args.transform.is_some();
-    let typed = if is_placed { Some(&TypedCrs::None) } else { args.crs.as_ref() };
+    let receipt = args.receipt.begin()?;
+    let config = args.config()?;
     super::arguments::warn_of_limit(args.memory, session.log);
-    let prepared = session.watch_reading(config.input.files(), || prepare_tiles(&config))?;
+    let files = config.input.files();
+    let (prepared, config, place) = session.watch_reading(files, || args.prepare(config))?;
     let log = &mut *session.log;
-    let place = take_place(prepared.source.georeference(), typed, &mut config);
-    // glTF has y upwards by its standard.
-    config.is_z_up &= args.up.is_some() || prepared.source.file_format() != "glTF";
     log.plan(prepared.plan.lines(&config), &prepared.plan);
     progress.expect(prepared.plan.stage_seconds());
     place.into_iter().for_each(|line| log.say(line));
@@ -283,10 +298,17 @@ fn make(args: &Args, session: &mut Session) -> Result<CommandEnd> {
         }
         return CommandEnd::whole(&prepared.plan);
     }
+    let marks = prepared.marks.clone();
     let report = session.watch(|| make_tiles(prepared, &config, progress))?;
     tell(&report, session.talk, session.log);
     if let Some(to) = &report_to {
         write_json(to, &report)?;
+    }
+    if let Some(receipt) = &receipt {
+        let (output, line) = (args.paths.output.as_path(), session.line);
+        let typed = receipt::Typed { output, line, is_program: session.prints };
+        let run = TilesRun { config: &config, report: &report, marks };
+        session.watch(|| tree_receipt::write(receipt, typed, run, progress))?;
     }
     CommandEnd::of(&report, report.is_short())
 }

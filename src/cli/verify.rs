@@ -5,13 +5,14 @@ use super::arguments::{memory_budget, parse_memory};
 use super::job::{prepare, run_job};
 use super::receipt::{enclose, is_kept, outcome_of, read_text, take};
 use super::session::{Command, Session};
-use super::simplify;
+use super::{simplify, tiles, tree_receipt};
 use crate::config::Config;
 use crate::error::{Error, Offers, Result};
 use crate::measure::LEAST_TOLERANCE;
+use crate::pipeline::tiles::{TilesConfig, make_tiles};
 use crate::pipeline::verify::MeasuredPair;
 use crate::receipt::hashes::{Hashes, of_file};
-use crate::receipt::{ProvenInterval, Receipt, differences, json, signature};
+use crate::receipt::{ProvenInterval, Receipt, ReceiptTree, differences, json, signature};
 use crate::system::disk::{Disk, folder_of};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
@@ -27,7 +28,8 @@ const EXIT_MISMATCH: u8 = 4;
 /// Times that a proof is repeated with a tenth of the width, where an interval overlaps the recorded one.
 const MOST_FINER: usize = 2;
 
-/// Checks a receipt of 'simplify --receipt': its checksum and signature, the hashes of all files, and the distance, proven again.
+/// Checks a receipt of 'simplify --receipt' or 'tiles --receipt': its checksum and signature, the hashes of all files, and the
+/// distance, proven again; of tiles their rules and what they state.
 ///
 /// Every mismatch is named, on standard output; exit code 4 says that there are some.
 #[derive(Clone, Debug, clap::Args)]
@@ -145,8 +147,17 @@ fn check(args: &Args, means: Means) -> Result<Checked> {
         checked.notes.push("the distance was not proven again, since something differs".to_owned());
         return Ok(checked);
     }
-    let config = settings(args, &receipt, line, |name| hashes.place(name))?;
-    prove(&receipt, &config, &mut hashes, progress, &mut checked)?;
+    let place = |name: &str| hashes.place(name);
+    match &receipt.tree {
+        Some(tree) => {
+            let (_, config) = tiles_settings(args, &receipt, line, place)?;
+            check_tree((&receipt, tree), &config, &mut hashes, progress, &mut checked)?;
+        }
+        None => {
+            let config = settings(args, &receipt, line, place)?;
+            prove(&receipt, &config, &mut hashes, progress, &mut checked)?;
+        }
+    }
     if args.again && checked.mismatches.is_empty() {
         run_again(args, &receipt, &hashes, means, &mut checked)?;
     }
@@ -181,12 +192,31 @@ fn check_signature(args: &Args, bytes: &[u8], checked: &mut Checked) -> Result<(
 fn check_files(receipt: &Receipt, hashes: &mut Hashes, checked: &mut Checked) -> Result<()> {
     let of_input = [&receipt.input.files, &receipt.input.beside].map(|files| ("input", files));
     let of_outputs = receipt.outputs.iter().map(|output| ("output", &output.files));
-    for (what, files) in of_input.into_iter().chain(of_outputs) {
+    let of_tree = receipt.tree.iter().map(|tree| ("output", &tree.files));
+    for (what, files) in of_input.into_iter().chain(of_outputs).chain(of_tree) {
         for (name, recorded) in files {
             checked.files += 1;
             let (_, found) = hashes.entry(&hashes.place(name))?;
             let at = format!("{what}: {name}");
             differences(&json(recorded)?, &json(&found)?, &at, &mut checked.mismatches);
+        }
+    }
+    let folder = hashes.place(&receipt.output);
+    if let Some(tree) = receipt.tree.as_ref().filter(|_| folder.is_dir()) {
+        // Folders without a file that is recorded are not entered: a receipt cannot lead through the whole disk.
+        let enters = |path: &Path| {
+            hashes.name(path).is_ok_and(|name| {
+                let within = format!("{name}/");
+                let first = tree.files.range(within.clone()..).next();
+                first.is_some_and(|(name, _)| name.starts_with(&within))
+            })
+        };
+        for path in tree_receipt::files_below(&folder, &enters)? {
+            let name = hashes.name(&path)?;
+            if !tree.files.contains_key(&name) {
+                let what = format!("output: {name}: nothing recorded, a file or folder found");
+                checked.mismatches.push(what);
+            }
         }
     }
     Ok(())
@@ -199,11 +229,53 @@ fn settings(
     line: fn() -> clap::Command,
     place: impl Fn(&str) -> PathBuf,
 ) -> Result<Config> {
-    let bad = |what: String| Error::bad_input(&args.receipt, what);
+    let old = |e: &dyn std::fmt::Display| not_known(args, e);
+    let found = typed_again(args, (receipt, "simplify"), line, place)?;
+    let typed = simplify::Args::from_arg_matches(&found).map_err(|e| old(&e))?;
+    let config = typed.config().map_err(|e| old(&e))?;
+    Ok(Config {
+        memory_bytes: memory_budget(args.memory),
+        threads: super::arguments::threads(args.threads),
+        ..config
+    })
+}
+
+/// The same of a tree of tiles.
+fn tiles_settings(
+    args: &Args,
+    receipt: &Receipt,
+    line: fn() -> clap::Command,
+    place: impl Fn(&str) -> PathBuf,
+) -> Result<(tiles::Args, TilesConfig)> {
+    let old = |e: &dyn std::fmt::Display| not_known(args, e);
+    let found = typed_again(args, (receipt, "tiles"), line, place)?;
+    let typed = tiles::Args::from_arg_matches(&found).map_err(|e| old(&e))?;
+    let config = typed.config().map_err(|e| old(&e))?;
+    let config = TilesConfig {
+        memory_bytes: memory_budget(args.memory),
+        threads: super::arguments::threads(args.threads),
+        ..config
+    };
+    Ok((typed, config))
+}
+
+/// The error of a receipt whose options this version has not.
+fn not_known(args: &Args, e: &dyn std::fmt::Display) -> Error {
+    Error::bad_input(&args.receipt, format!("options: not of this version: {e}"))
+}
+
+/// The command of a receipt, with its options and paths.
+fn typed_again(
+    args: &Args,
+    (receipt, command): (&Receipt, &str),
+    line: fn() -> clap::Command,
+    place: impl Fn(&str) -> PathBuf,
+) -> Result<clap::ArgMatches> {
     if let Some(option) = receipt.options.iter().find(|option| !is_kept(option)) {
-        return Err(bad(format!("options: '{option}' is not one that receipts have")));
+        let what = format!("options: '{option}' is not one that receipts have");
+        return Err(Error::bad_input(&args.receipt, what));
     }
-    let mut words: Vec<OsString> = vec!["stonecut".into(), "simplify".into()];
+    let mut words: Vec<OsString> = vec!["stonecut".into(), command.into()];
     words.extend(receipt.options.iter().map(OsString::from));
     words.extend(args.temp_dir.iter().map(|dir| {
         let mut word = OsString::from("--temp-dir=");
@@ -222,19 +294,31 @@ fn settings(
         });
     }
     words.push(place(&receipt.output).into());
-    let old = |e: &dyn std::fmt::Display| bad(format!("options: not of this version: {e}"));
-    let found =
-        line().try_get_matches_from(&words).map_err(|e| old(&super::arguments::usage(&e)))?;
-    let Some(found) = found.subcommand_matches("simplify") else {
-        return Err(old(&"not of a run"));
-    };
-    let typed = simplify::Args::from_arg_matches(found).map_err(|e| old(&e))?;
-    let config = typed.config().map_err(|e| old(&e))?;
-    Ok(Config {
-        memory_bytes: memory_budget(args.memory),
-        threads: super::arguments::threads(args.threads),
-        ..config
-    })
+    let found = line().try_get_matches_from(&words);
+    let found = found.map_err(|e| not_known(args, &super::arguments::usage(&e)))?;
+    let own = found.subcommand_matches(command).cloned();
+    own.ok_or_else(|| not_known(args, &"not of a run"))
+}
+
+/// Takes the receipt of a tree of the files again, and compares.
+fn check_tree(
+    (receipt, recorded): (&Receipt, &ReceiptTree),
+    config: &TilesConfig,
+    hashes: &mut Hashes,
+    progress: &Progress,
+    checked: &mut Checked,
+) -> Result<()> {
+    progress.begin("tiles", 2, 2, 0);
+    let mut taken = tree_receipt::take(config, receipt.input.given.clone(), hashes, progress)?;
+    // Compared before.
+    taken.tree.files = recorded.files.clone();
+    let out = &mut checked.mismatches;
+    out.extend(taken.faults.iter().map(|fault| format!("tree: {fault}")));
+    differences(&json(&receipt.outputs)?, &serde_json::json!([]), "outputs", out);
+    differences(&json(&receipt.input)?, &json(&taken.input)?, "input", out);
+    differences(&json(recorded)?, &json(&taken.tree)?, "tree", out);
+    differences(&json(&receipt.coordinates)?, &json(&taken.coordinates)?, "coordinates", out);
+    Ok(())
 }
 
 /// Takes the receipt of the files again, and compares.
@@ -318,16 +402,46 @@ fn run_again(
         true => folder.join(name),
         false => hashes.place(path),
     };
-    let compared = settings(args, receipt, line, place).and_then(|mut config| {
-        if let Some(progressive) = &mut config.progressive {
-            progressive.path = folder.join("progressive.pm");
-        }
-        compare_runs(receipt, &config, progress)
-    });
+    let compared = match &receipt.tree {
+        Some(tree) => tiles_settings(args, receipt, line, place)
+            .and_then(|typed| compare_trees((receipt, tree), typed, progress)),
+        None => settings(args, receipt, line, place).and_then(|mut config| {
+            if let Some(progressive) = &mut config.progressive {
+                progressive.path = folder.join("progressive.pm");
+            }
+            compare_runs(receipt, &config, progress)
+        }),
+    };
     progress.settle(&folder);
     checked.again = true;
     checked.mismatches.extend(compared?);
     Ok(())
+}
+
+fn compare_trees(
+    (receipt, tree): (&Receipt, &ReceiptTree),
+    (typed, config): (tiles::Args, TilesConfig),
+    progress: &Progress,
+) -> Result<Vec<String>> {
+    progress.take_losses();
+    let (prepared, config, _) = typed.prepare(config)?;
+    let report = make_tiles(prepared, &config, progress)?;
+    let mut out = Vec::new();
+    differences(&json(&receipt.settings)?, &json(&report.settings)?, "settings", &mut out);
+    differences(&json(&receipt.losses)?, &json(&report.losses)?, "losses", &mut out);
+    let outcome = tree_receipt::outcome_of(&report);
+    differences(&json(&receipt.outcome)?, &json(&outcome)?, "outcome", &mut out);
+    let mut made = std::collections::BTreeMap::new();
+    for path in tree_receipt::files_below(&config.output, &|_| true)? {
+        let name = path.strip_prefix(&config.output).unwrap_or(&path).display().to_string();
+        made.insert(name, of_file(&path, progress)?);
+    }
+    let within = format!("{}/", receipt.output);
+    let name = |name: &String| name.strip_prefix(&within).unwrap_or(name).to_owned();
+    let recorded: std::collections::BTreeMap<_, _> =
+        tree.files.iter().map(|(path, file)| (name(path), file)).collect();
+    differences(&json(&recorded)?, &json(&made)?, "run again", &mut out);
+    Ok(out)
 }
 
 fn compare_runs(receipt: &Receipt, config: &Config, progress: &Progress) -> Result<Vec<String>> {

@@ -3,15 +3,16 @@
 //! The format is that of numpy.lib.format. Several arrays may lie in one file, one behind the other, as `numpy.save` leaves
 //! them.
 
-use crate::ply::raw::RawFile;
+use crate::ply::raw::{RawFile, Spool};
 use std::path::Path;
 use stonecut_system::error::{Error, Result};
 use stonecut_system::paths::ARRAY_MAGIC as MAGIC;
+use stonecut_system::progress::Progress;
 
 /// Headers are not longer than this: their length has 2 bytes in version 1.
 const MOST_HEADER_BYTES: u64 = 1 << 16;
 
-/// Bytes of rows that are read at a time.
+/// Bytes of a column that are read at a time.
 const BLOCK_BYTES: usize = 1 << 20;
 
 /// Type of an element: `<f4`, `<i8`, `|u1` and their like.
@@ -92,6 +93,8 @@ pub fn header(type_name: &str, shape: &[u64]) -> Vec<u8> {
 pub struct NpyArray {
     file: RawFile,
     start: u64,
+    /// Rows that lie together column by column; one as NumPy has them.
+    strip_rows: u64,
     /// Type of the elements.
     pub element: NpyType,
     /// Rows, and elements in each.
@@ -148,7 +151,56 @@ impl NpyArray {
         if end.is_none_or(|end| end > file.len()) {
             return Err(bad("the file is shorter than the array that its header names"));
         }
-        Ok(NpyArray { file, start, element, shape, is_flat })
+        let strip_rows = if shape[1] == 1 { shape[0].max(1) } else { 1 };
+        Ok(NpyArray { file, start, strip_rows, element, shape, is_flat })
+    }
+
+    /// Length of the file.
+    pub fn file_bytes(&self) -> u64 {
+        self.file.len()
+    }
+
+    /// Bytes of a row.
+    pub fn row_bytes(&self) -> u64 {
+        self.shape[1] * self.element.bytes as u64
+    }
+
+    /// The same array with its elements in strips of many rows, column by column, so that reading one column after the other reads
+    /// everything once. A copy in a nameless file of `folder` where there are several columns.
+    ///
+    /// Memory: three times `memory_bytes`, in which a row must have room.
+    pub fn by_columns(
+        self,
+        folder: &Path,
+        memory_bytes: u64,
+        progress: &Progress,
+    ) -> Result<NpyArray> {
+        let [n_rows, n_columns] = self.shape;
+        if n_columns == 1 {
+            return Ok(self);
+        }
+        let row_bytes = self.row_bytes();
+        let strip_rows = (memory_bytes / row_bytes).clamp(1, n_rows.max(1));
+        let mut out = Spool::new(folder).within(memory_bytes);
+        let (mut rows, mut columns) = (Vec::new(), Vec::new());
+        for first in (0..n_rows).step_by(strip_rows as usize) {
+            progress.check()?;
+            let n = strip_rows.min(n_rows - first);
+            rows.resize((n * row_bytes) as usize, 0);
+            self.file.read_exact_at(&mut rows, self.start + first * row_bytes)?;
+            transpose(&rows, n_columns as usize, self.element.bytes, &mut columns);
+            out.write(&columns)?;
+        }
+        let file = out.finish(self.file.path())?;
+        Ok(NpyArray { file, start: 0, strip_rows, ..self })
+    }
+
+    /// Place of an element in the file, and the number of rows from it on whose elements of this column follow.
+    fn place(&self, row: u64, column: u64) -> (u64, u64) {
+        let first = row / self.strip_rows * self.strip_rows;
+        let n = self.strip_rows.min(self.shape[0] - first);
+        let number = first * self.shape[1] + column * n + (row - first);
+        (self.start + number * self.element.bytes as u64, first + n - row)
     }
 
     /// The byte behind the last element.
@@ -158,12 +210,7 @@ impl NpyArray {
 
     /// The elements of a column, read block by block.
     pub fn column(&self, column: u64) -> NpyColumn<'_> {
-        NpyColumn {
-            array: self,
-            at: column as usize * self.element.bytes,
-            rows: Vec::new(),
-            first: 0,
-        }
+        NpyColumn { array: self, column, block: Vec::new(), first: 0 }
     }
 
     /// Calls `each` with every row's number and the bits of its element in this column, in order.
@@ -173,41 +220,50 @@ impl NpyArray {
     }
 }
 
-/// A column of an array: quick as long as rows come in ascending order.
+/// Turns elements of this size that lie row by row into columns; given the number of rows, columns into rows.
+pub fn transpose(rows: &[u8], n_columns: usize, element_bytes: usize, columns: &mut Vec<u8>) {
+    columns.resize(rows.len(), 0);
+    let n_rows = rows.len() / element_bytes / n_columns.max(1);
+    for (row, elements) in rows.chunks_exact(n_columns * element_bytes).enumerate() {
+        for (column, element) in elements.chunks_exact(element_bytes).enumerate() {
+            let at = (column * n_rows + row) * element_bytes;
+            columns[at..at + element_bytes].copy_from_slice(element);
+        }
+    }
+}
+
+/// A column of an array: quick as long as rows come in ascending order, and lie column by column.
 pub struct NpyColumn<'a> {
     array: &'a NpyArray,
-    /// Place of the element in a row.
-    at: usize,
-    /// Rows at hand, from number `first`.
-    rows: Vec<u8>,
+    column: u64,
+    /// Elements at hand, from row `first` on.
+    block: Vec<u8>,
     first: u64,
 }
 
 impl NpyColumn<'_> {
     /// The bits of the element in a row that exists, of which neighbours will not be asked for.
     pub fn get_alone(&mut self, row: u64) -> Result<u64> {
-        let NpyArray { file, start, element, shape, .. } = self.array;
-        let row_bytes = shape[1] * element.bytes as u64;
         let mut bits = [0; 8];
-        let place = start + row * row_bytes + self.at as u64;
-        file.read_exact_at(&mut bits[..element.bytes], place)?;
+        let (place, _) = self.array.place(row, self.column);
+        self.array.file.read_exact_at(&mut bits[..self.array.element.bytes], place)?;
         Ok(u64::from_le_bytes(bits))
     }
 
     /// The bits of the element in a row that exists.
     pub fn get(&mut self, row: u64) -> Result<u64> {
-        let NpyArray { file, start, element, shape, .. } = self.array;
-        let row_bytes = shape[1] as usize * element.bytes;
-        let n_rows = (self.rows.len() / row_bytes) as u64;
+        let bytes = self.array.element.bytes;
+        let n_rows = (self.block.len() / bytes) as u64;
         if row < self.first || row >= self.first + n_rows {
-            let n = (BLOCK_BYTES / row_bytes).max(1).min((shape[0] - row) as usize);
+            let (place, n) = self.array.place(row, self.column);
+            let n = n.min((BLOCK_BYTES / bytes) as u64);
             self.first = row;
-            self.rows.resize(n * row_bytes, 0);
-            file.read_exact_at(&mut self.rows, start + row * row_bytes as u64)?;
+            self.block.resize(n as usize * bytes, 0);
+            self.array.file.read_exact_at(&mut self.block, place)?;
         }
-        let at = (row - self.first) as usize * row_bytes + self.at;
+        let at = (row - self.first) as usize * bytes;
         let mut bits = [0; 8];
-        bits[..element.bytes].copy_from_slice(&self.rows[at..at + element.bytes]);
+        bits[..bytes].copy_from_slice(&self.block[at..at + bytes]);
         Ok(u64::from_le_bytes(bits))
     }
 }
@@ -238,6 +294,16 @@ mod tests {
             out
         };
         assert_eq!(values(&first, 1), [1.0, 3.0, 5.0]);
+        // Two rows a strip, and all at once.
+        for memory_bytes in [16, 1 << 20] {
+            let folder = std::env::temp_dir();
+            let first = NpyArray::open(file.path(), 0).unwrap();
+            let first = first.by_columns(&folder, memory_bytes, &Progress::default()).unwrap();
+            assert_eq!(values(&first, 0), [0.0, 2.0, 4.0]);
+            assert_eq!(values(&first, 1), [1.0, 3.0, 5.0]);
+            let mut alone = first.column(1);
+            assert_eq!(first.element.value(alone.get_alone(2).unwrap()), 5.0);
+        }
         assert_eq!(values(&second, 0), [-1.0, 3.0]);
         assert_eq!(second.element.bits(-1.4) as u8, 255);
         for (name, shape) in [(">f4", &[3, 2][..]), ("<c8", &[3]), ("<f4", &[9, 9]), ("<f4", &[])] {

@@ -53,6 +53,9 @@ pub(crate) struct Receipt {
     pub(crate) settings: BTreeMap<String, String>,
     /// SHA-256 of the canonical form without this key.
     pub(crate) sha256: String,
+    /// The tree of tiles, in place of outputs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) tree: Option<ReceiptTree>,
 }
 
 /// The program that made a receipt.
@@ -92,6 +95,18 @@ pub(crate) struct ReceiptOutput {
     pub(crate) files: HashedFiles,
     /// The file of the mesh.
     pub(crate) path: String,
+}
+
+/// A tree of tiles.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ReceiptTree {
+    /// Tiles, files of JSON, levels, groups, triangles of the finest tiles and of all.
+    pub(crate) counts: BTreeMap<String, i64>,
+    /// The largest distance from the input that tiles of each level state, the finest level first, in input units.
+    pub(crate) errors: Vec<f64>,
+    /// Every file.
+    pub(crate) files: HashedFiles,
 }
 
 /// An interval that holds the Hausdorff distance between input and output, in input units.
@@ -166,7 +181,9 @@ impl Receipt {
         let bad = |what: String| Error::bad_input(path, what);
         let bytes = read_regular(path, MOST_BYTES).map_err(|e| bad(format!("cannot read: {e}")))?;
         let receipt: Receipt = serde_json::from_slice(&bytes).map_err(|e| {
-            bad(format!("not a receipt: {e}; give what simplify wrote with --receipt, unchanged"))
+            bad(format!(
+                "not a receipt: {e}; give what simplify or tiles wrote with --receipt, unchanged"
+            ))
         })?;
         if receipt.about != ABOUT {
             return Err(bad(format!(

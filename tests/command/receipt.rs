@@ -151,6 +151,65 @@ fn one_bit_in_any_file_is_found_and_named() {
 }
 
 #[test]
+fn trees_of_tiles_are_verified_file_by_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::create_dir(at.join("out")).unwrap();
+    expect(at, "synth terrain in.ply --triangles 4000 -q", 0);
+    expect(at, "synth rooms tex.obj --triangles 2000 -q", 0);
+    for words in [
+        "tex.obj out/t --tile-triangles 1000 --viewer --geo 47,8,400",
+        "in.ply out/a --tile-triangles 500 --scale 2",
+    ] {
+        let tiles = |more: &str| {
+            expect(at, &format!("tiles {words} --receipt out/R.json -q {more}"), 0);
+            std::fs::read(at.join("out/R.json")).unwrap()
+        };
+        let first = tiles("--threads 1");
+        assert!(first == tiles("--threads 3 --memory 500MiB --force"), "{words}");
+        let said = verify(at, "out/R.json --again --threads 2", 0);
+        assert!(said.contains("run again to the same bytes"), "{said}");
+    }
+    let receipt = json(at, "out/R.json");
+    let errors = receipt["tree"]["errors"].as_array().unwrap();
+    assert!(errors.len() > 1 && errors[0] == 0 && errors[1].as_f64() > Some(0.0), "{errors:?}");
+    let files: Vec<&String> = receipt["tree"]["files"].as_object().unwrap().keys().collect();
+    let tile = files.iter().find(|name| name.ends_with(".glb")).unwrap().as_str();
+    for name in [tile, "a/tileset.json", "../in.ply"] {
+        let path = at.join("out").join(name);
+        let bytes = std::fs::read(&path).unwrap();
+        let mut flipped = bytes.clone();
+        flipped[bytes.len() / 2] ^= 4;
+        std::fs::write(&path, &flipped).unwrap();
+        let said = verify(at, "out/R.json", 4);
+        assert!(said.contains(&format!("{name}: sha256: ")), "{name}: {said}");
+        assert_eq!(said.matches("mismatch: ").count(), 1, "{said}");
+        std::fs::write(&path, bytes).unwrap();
+    }
+    std::fs::create_dir(at.join("out/a/more")).unwrap();
+    std::fs::write(at.join("out/a/more/x"), "x").unwrap();
+    let said = verify(at, "out/R.json", 4);
+    assert!(said.contains("a/more: nothing recorded"), "{said}");
+    std::fs::remove_dir_all(at.join("out/a/more")).unwrap();
+    let refused = |edit: &dyn Fn(&mut Value), named: &str, more: &str| {
+        forge(at, edit);
+        let said = verify(at, &format!("out/F.json {more}"), 4);
+        assert!(said.contains(named), "{named}: {said}");
+    };
+    refused(&|r| r["tree"]["errors"][1] = 0.into(), "tree: errors: 1: 0 recorded", "");
+    refused(&|r| r["tree"]["counts"]["tiles"] = 1.into(), "tree: counts: tiles: 1 recorded", "");
+    refused(&|r| r["input"]["counts"]["triangles"] = 1.into(), "input: counts: triangles: 1", "");
+    refused(&|r| r["settings"]["pixels"] = "2".into(), "settings: pixels: 2 recorded", "--again");
+    refused(&|r| r["options"] = json!(["--tile-triangles=600"]), "run again: ", "--again");
+    refused(&|r| r["options"] = json!(["--report=x.json"]), "options: ", "");
+    for value in [json!(7), json!({}), json!([])] {
+        refused(&|r| r["tree"] = value.clone(), "not a receipt", "");
+    }
+    verify(at, "out/R.json", 0);
+    expect(at, "tiles in.ply out/b --receipt out/b/R.json", 2);
+}
+
+#[test]
 fn claims_that_do_not_hold_are_named() {
     let at = &scratch();
     inputs(at);

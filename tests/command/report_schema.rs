@@ -409,6 +409,12 @@ fn a_run_that_is_done_is_not_done_again() {
     }
     again("--force", 0);
     again("", 0);
+    // A map counts as the output does.
+    again("--map m.npy --force", 0);
+    again("--map m.npy", 0);
+    std::fs::remove_file(out.join("m.npy")).expect("a map");
+    again("--map m.npy", 2);
+    again("--force", 0);
     let mesh = std::fs::read(out.join("o.ply")).expect("an output");
     std::fs::write(out.join("o.ply"), &mesh[..mesh.len() - 1]).expect("written");
     again("", 2);
@@ -423,6 +429,9 @@ fn a_run_that_is_done_is_not_done_again() {
     // Without a report the output itself has a note.
     expect(out, "simplify in.ply o.ply --ratio 10% --force", 0);
     assert!(expect(out, "simplify in.ply o.ply --ratio 10%", 0).contains("already done"));
+    let mapped = "simplify in.ply p.ply --ratio 10% --map m.npy";
+    expect(out, mapped, 0);
+    assert!(expect(out, mapped, 0).contains("already done"));
     for other in ["--ratio 11%", "--ratio 10% --fit off", "--ratio 10% --report other.json"] {
         expect(out, &format!("simplify in.ply o.ply {other}"), 2);
     }

@@ -190,6 +190,86 @@ fn values_go_to_the_result_and_back() {
     assert!(expect(folder, "transfer f.npy f.npy -o no.npy", 4).contains("not a map"));
 }
 
+/// A map of six vertices that became three.
+const SOUND: ([i64; 6], [i64; 3]) = ([2, 0, 0, -1, 2, 2], [1, 3, 4]);
+
+fn write_map(path: &Path, (there, back): (&[i64], &[i64])) {
+    let array = |list: &[i64]| {
+        let rows = list.iter().flat_map(|n| n.to_le_bytes());
+        npy::header("<i8", &[list.len() as u64]).into_iter().chain(rows).collect::<Vec<u8>>()
+    };
+    std::fs::write(path, [array(there), array(back)].concat()).unwrap();
+}
+
+#[test]
+fn maps_that_do_not_hold_are_refused_by_row() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("v.npy"), [npy::header("|u1", &[6]), vec![1; 6]].concat()).unwrap();
+    let (there, back) = SOUND;
+    let refused = |code: i32, word: &str| {
+        let said = expect(folder, "transfer m.npy v.npy -o no.npy", code);
+        assert!(said.contains("m.npy") && said.contains(word), "{said}");
+        assert!(!folder.join("no.npy").exists());
+    };
+    for (at, number, word) in [
+        (3, 3, "row 3 of its first array is 3: not -1, and not a vertex of the result"),
+        (3, -2, "row 3 of its first array is -2"),
+        (1, 1, "row 0 of its second array names vertex 1, which did not become"),
+    ] {
+        let mut forged = there;
+        forged[at] = number;
+        write_map(&folder.join("m.npy"), (&forged, &back));
+        refused(4, word);
+    }
+    for (at, number, word) in [
+        (2, 6, "row 2 of its second array is 6"),
+        (0, -1, "row 0 of its second array names vertex -1"),
+        (2, 1, "row 2 of its second array names vertex 1"),
+    ] {
+        let mut forged = back;
+        forged[at] = number;
+        write_map(&folder.join("m.npy"), (&there, &forged));
+        refused(4, word);
+    }
+    write_map(&folder.join("m.npy"), (&there, &back));
+    let whole = bytes(folder, "m.npy");
+    std::fs::write(folder.join("m.npy"), [&whole[..], b"x"].concat()).unwrap();
+    refused(4, "ends with its second array");
+    std::fs::write(folder.join("m.npy"), &whole[..whole.len() - 8]).unwrap();
+    refused(4, "second array");
+    std::fs::write(folder.join("m.npy"), whole).unwrap();
+    let said = expect(folder, "transfer m.npy v.npy -o no.npy --memory 1KiB", 6);
+    assert!(said.contains("give at least --memory 48MiB"), "{said}");
+    expect(folder, "transfer m.npy v.npy -o yes.npy --memory 48MiB", 0);
+}
+
+#[test]
+fn rows_of_many_columns_are_carried_as_columns_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write_map(&folder.join("m.npy"), (&SOUND.0, &SOUND.1));
+    let n = 3000usize;
+    let value = |row: usize, column: usize| ((row * 7 + column * 3) % 251) as u8;
+    let rows = (0..6).flat_map(|row| (0..n).map(move |column| value(row, column)));
+    let values: Vec<u8> = npy::header("|u1", &[6, n as u64]).into_iter().chain(rows).collect();
+    std::fs::write(folder.join("v.npy"), values).unwrap();
+    expect(folder, "transfer m.npy v.npy -o r.npy --memory 64MiB", 0);
+    let most = NpyArray::open(&folder.join("r.npy"), 0).unwrap();
+    assert_eq!(most.shape, [3, n as u64]);
+    for at in [0, 1, 1234, n - 1] {
+        let least = |rows: &[usize]| {
+            rows.iter().map(|&row| f64::from(value(row, at))).fold(f64::INFINITY, f64::min)
+        };
+        let expected = [least(&[1, 2]), least(&[3]), least(&[0, 4, 5])];
+        assert_eq!(column(&most, at as u64), expected, "{at}");
+    }
+    expect(folder, "transfer m.npy r.npy -o back.npy --to input", 0);
+    let back = NpyArray::open(&folder.join("back.npy"), 0).unwrap();
+    let [a, _, c] = column(&most, 77)[..] else { panic!("three rows") };
+    assert_eq!((back.shape, column(&back, 77)), ([6, n as u64], vec![c, a, a, 0.0, c, c]));
+}
+
 #[test]
 fn what_a_map_does_not_go_with_is_refused() {
     let folder = &scratch();

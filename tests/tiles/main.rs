@@ -7,6 +7,7 @@ mod common;
 
 mod errors;
 mod extract;
+mod recipes;
 mod scalars;
 mod stops;
 mod textures;

@@ -29,6 +29,9 @@ pub struct TilesetCheck {
     /// Largest gap along an axis between tiles of neighbouring levels, in steps of the level above both: half a step
     /// comes from rounding.
     pub gap_across_steps: f64,
+    /// The largest distance from the input that tiles of each level state, the finest level first.
+    #[serde(skip)]
+    pub deviations: Vec<f64>,
     /// Number of faults.
     pub n_faults: u64,
     /// The first faults, in words.

@@ -24,6 +24,8 @@ pub(super) struct CheckedTile {
     pub(super) content_volume: Option<Cuboid>,
     pub(super) content: Option<String>,
     pub(super) triangles: u64,
+    /// The largest distance from the input that is stated.
+    deviation: f64,
     /// Volumes of its finer tiles.
     pub(super) finer: Vec<Cuboid>,
     n_children: usize,
@@ -187,6 +189,7 @@ impl Tree {
                 .and_then(Cuboid::of),
             content: uri,
             triangles: facts["triangles"].as_u64().unwrap_or(0),
+            deviation: facts["deviation"].as_f64().unwrap_or(0.0),
             finer: Vec::new(),
             n_children: tile.children.len(),
         });
@@ -240,6 +243,9 @@ impl Tree {
         let mut groups: BTreeMap<(u32, u32), &CheckedTile> = BTreeMap::new();
         for tile in &self.tiles {
             let name = || tile.name().to_owned();
+            let level = tile.level as usize;
+            found.deviations.resize(found.deviations.len().max(level + 1), 0.0);
+            found.deviations[level] = tile.deviation.max(found.deviations[level]);
             if !(tile.error >= 0.0 && tile.error.is_finite()) {
                 found.fault(|| format!("{}: its error is {}", name(), tile.error));
             }

@@ -841,6 +841,8 @@ def tiles(
     restart: bool = False,
     force: bool = False,
     report: PathLike | None = None,
+    receipt: PathLike | None = None,
+    sign: PathLike | None = None,
     progress: OnProgress | None = None,
 ) -> Report:
     """Cuts a mesh of any size into a folder of tiles at all levels of detail (OGC 3D Tiles 1.1).
@@ -877,7 +879,7 @@ def tiles(
         restart=restart,
         force=force,
     )
-    for name, file in {"temp_dir": temp_dir, "report": report}.items():
+    for name, file in {"temp_dir": temp_dir, "report": report, "receipt": receipt, "sign": sign}.items():
         words += [] if file is None else options(**{name: path(name, file)})
     return _report(words, progress)[0]
 
