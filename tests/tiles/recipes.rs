@@ -1,7 +1,5 @@
 //! The recipes of docs/recipes.md for the shell, run as they stand on made-up results of photogrammetry programs.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::{expect, json};
 use std::path::Path;
 use std::process::Command;
