@@ -3,8 +3,6 @@
 use super::strips::strips;
 use meshopt_rs::index::IndexEncodingVersion;
 use meshopt_rs::index::buffer::{encode_index_buffer, encode_index_buffer_bound};
-use meshopt_rs::vertex::VertexEncodingVersion;
-use meshopt_rs::vertex::buffer::{encode_vertex_buffer, encode_vertex_buffer_bound};
 
 /// Puts triangles into an order that packs well; returns the old number of each vertex in the order of first use. Every
 /// vertex must be used.
@@ -21,14 +19,6 @@ pub(super) fn reorder(triangles: &mut Vec<[u32; 3]>, n_vertices: usize) -> Vec<u
         *corner = *place;
     }
     order
-}
-
-/// Packs rows of `N` bytes, a multiple of 4.
-pub(super) fn pack_rows<const N: usize>(rows: &[[u8; N]]) -> Vec<u8> {
-    let mut out = vec![0; encode_vertex_buffer_bound(rows.len(), N)];
-    let n = encode_vertex_buffer(&mut out, rows, VertexEncodingVersion::V0);
-    out.truncate(n.expect("the bound holds"));
-    out
 }
 
 /// The name of the filter that `octahedral` is for.
@@ -55,4 +45,41 @@ pub(super) fn pack_triangles(triangles: &[[u32; 3]], n_vertices: usize) -> Vec<u
     let n = encode_index_buffer(&mut out, corners, IndexEncodingVersion::V1);
     out.truncate(n.expect("the bound holds"));
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::meshopt_vertices::{decode_vertices, encode_vertices};
+    use meshopt_rs::vertex::VertexEncodingVersion;
+    use meshopt_rs::vertex::buffer::{encode_vertex_buffer, encode_vertex_buffer_bound};
+
+    /// Packs rows of small and large steps in both ways.
+    fn hold<const N: usize>(n: u32) {
+        let mut state = 7u32;
+        let mut random = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            state >> 16
+        };
+        let mut row = [0u8; N];
+        let mut next = |i: u32| {
+            let most = [1, 3, 9, 40, 256][(i / 37) as usize % 5];
+            row.iter_mut().for_each(|byte| *byte = byte.wrapping_add((random() % most) as u8));
+            row
+        };
+        let rows: Vec<[u8; N]> = (0..n).map(&mut next).collect();
+        let mut out = vec![0; encode_vertex_buffer_bound(rows.len(), N)];
+        let end = encode_vertex_buffer(&mut out, &rows, VertexEncodingVersion::V0).unwrap();
+        assert_eq!(encode_vertices(&rows), out[..end], "{N} {n}");
+        assert_eq!(decode_vertices(rows.len(), N, &out[..end]).unwrap(), rows.as_flattened());
+    }
+
+    #[test]
+    fn rows_are_packed_as_meshoptimizer_packs_them() {
+        for n in [1, 15, 16, 17, 255, 256, 257, 300, 700, 2000] {
+            hold::<4>(n);
+            hold::<8>(n);
+            hold::<12>(n);
+            hold::<64>(n);
+        }
+    }
 }

@@ -65,6 +65,66 @@ pub(super) fn decode_vertices(count: usize, stride: usize, packed: &[u8]) -> Opt
     rest.is_empty().then_some(out)
 }
 
+/// Packs vertices of `N` bytes, a multiple of 4 up to 256, in version 0: the bytes of `encode_vertex_buffer` of meshoptimizer.
+pub(super) fn encode_vertices<const N: usize>(vertices: &[[u8; N]]) -> Vec<u8> {
+    let first = vertices.first().copied().unwrap_or([0; N]);
+    let mut out = Vec::with_capacity(N * (vertices.len() + vertices.len() / 32 + 64));
+    out.push(0xa0);
+    let mut before = first;
+    for block in vertices.chunks((BLOCK_BYTES / N / GROUP * GROUP).min(BLOCK_VERTICES)) {
+        let mut plane = [0; BLOCK_VERTICES];
+        for (byte, before) in before.iter_mut().enumerate() {
+            for (delta, vertex) in plane.iter_mut().zip(block) {
+                let step = vertex[byte].wrapping_sub(*before);
+                *before = vertex[byte];
+                *delta = (step << 1) ^ 0u8.wrapping_sub(step >> 7);
+            }
+            put_groups(&plane[..block.len().next_multiple_of(GROUP)], &mut out);
+        }
+    }
+    out.resize(out.len() + 32usize.saturating_sub(N), 0);
+    out.extend_from_slice(&first);
+    out
+}
+
+/// Writes groups, each with as many bits a byte as make it shortest.
+fn put_groups(plane: &[u8], out: &mut Vec<u8>) {
+    let groups = plane.as_chunks::<GROUP>().0;
+    let header = out.len();
+    out.resize(header + groups.len().div_ceil(4), 0);
+    for (place, group) in groups.iter().enumerate() {
+        let n_over = |most| group.iter().map(|&byte| u8::from(byte >= most)).sum::<u8>();
+        let (two, four) = (4 + n_over(3), 8 + n_over(15));
+        let width: u8 = match () {
+            () if *group == [0; GROUP] => 0,
+            () if two <= four && two < 16 => 1,
+            () if four < 16 => 2,
+            () => 3,
+        };
+        match width {
+            0 => {}
+            1 => put_group::<2>(group, out),
+            2 => put_group::<4>(group, out),
+            _ => out.extend_from_slice(group),
+        }
+        out[header + place / 4] |= width << (2 * (place % 4));
+    }
+}
+
+/// Writes a group of few bits a byte; what needs more follows in full.
+fn put_group<const BITS: usize>(group: &[u8; GROUP], out: &mut Vec<u8>) {
+    let most = (1 << BITS) - 1;
+    let (mut packed, mut n) = ([0; 2 * GROUP], GROUP * BITS / 8);
+    for (byte, few) in packed.iter_mut().zip(group.chunks_exact(8 / BITS)) {
+        *byte = few.iter().fold(0, |byte, &one| byte << BITS | one.min(most));
+    }
+    for &byte in group {
+        packed[n] = byte;
+        n += usize::from(byte >= most);
+    }
+    out.extend_from_slice(&packed[..n]);
+}
+
 fn take<'a>(rest: &mut &'a [u8], n: usize) -> Option<&'a [u8]> {
     let (taken, behind) = rest.split_at_checked(n)?;
     *rest = behind;

@@ -48,8 +48,28 @@ pub(super) fn strips(triangles: &[[u32; 3]], n_vertices: usize) -> Vec<[u32; 3]>
 struct Around {
     first: Vec<u32>,
     left: Vec<u32>,
-    triangles: Vec<u32>,
+    triangles: Vec<AtVertex>,
     hubs: Hubs,
+}
+
+/// A triangle at a vertex.
+#[derive(Clone, Copy, Default)]
+struct AtVertex {
+    triangle: u32,
+    /// The corner before the vertex; `MANY` if the triangle has the vertex twice.
+    before: u32,
+}
+
+/// No vertex.
+const MANY: u32 = u32::MAX;
+
+impl AtVertex {
+    /// True if the triangle has the edge from `w` to the vertex `v`.
+    #[inline]
+    fn has(self, triangles: &[[u32; 3]], w: u32, v: u32) -> bool {
+        self.before == w
+            || self.before == MANY && edges(triangles[self.triangle as usize]).contains(&(w, v))
+    }
 }
 
 /// Tables that make a walk through the triangles of a hub needless.
@@ -83,10 +103,13 @@ impl Around {
             sum += n;
         }
         let mut next = first.clone();
-        let mut list = vec![0; sum as usize];
-        for (t, corners) in (0u32..).zip(triangles) {
-            for &v in corners {
-                list[next[v as usize] as usize] = t;
+        let mut list = vec![AtVertex::default(); sum as usize];
+        for (triangle, &corners) in (0u32..).zip(triangles) {
+            let [a, b, c] = corners;
+            let is_plain = a != b && b != c && c != a;
+            for (before, v) in edges(corners) {
+                let before = if is_plain { before } else { MANY };
+                list[next[v as usize] as usize] = AtVertex { triangle, before };
                 next[v as usize] += 1;
             }
         }
@@ -107,9 +130,8 @@ impl Around {
         }
         let mut hubs = Hubs::default();
         for v in (0..is_hub.len() as u32).filter(|v| is_hub[*v as usize]) {
-            for (place, &t) in (0..).zip(self.of(v).iter()) {
-                hubs.places.insert((v, t), place);
-                let from = before(triangles[t as usize], v);
+            for (place, &AtVertex { triangle, before: from }) in (0..).zip(self.of(v).iter()) {
+                hubs.places.insert((v, triangle), place);
                 if is_hub[from as usize] {
                     hubs.edges.entry((from, v)).or_default().insert(place);
                 }
@@ -118,27 +140,26 @@ impl Around {
         self.hubs = Hubs { is_hub, ..hubs };
     }
 
-    fn of(&mut self, v: u32) -> &mut [u32] {
+    fn of(&mut self, v: u32) -> &mut [AtVertex] {
         let first = self.first[v as usize] as usize;
         &mut self.triangles[first..first + self.left[v as usize] as usize]
     }
 
     /// The first triangle of `v` that has an edge the other way round.
     fn behind(&mut self, triangles: &[[u32; 3]], (v, w): (u32, u32)) -> Option<u32> {
-        let has = |t: &u32| edges(triangles[*t as usize]).contains(&(w, v));
         if self.is_hub(v) {
             if !self.is_hub(w) {
-                let place = |t: &u32| self.hubs.places.get(&(v, *t)).copied();
-                let (first, n) = (self.first[w as usize] as usize, self.left[w as usize]);
-                let of_w = self.triangles[first..first + n as usize].iter();
-                return of_w.copied().filter(has).min_by_key(place);
+                let has = |t: &u32| edges(triangles[*t as usize]).contains(&(w, v));
+                let of_w = self.of(w).iter().map(|at| at.triangle);
+                let of_w: Vec<u32> = of_w.filter(has).collect();
+                return of_w.into_iter().min_by_key(|t| self.hubs.places.get(&(v, *t)).copied());
             }
             let place = *self.hubs.edges.get(&(w, v))?.first()?;
-            return Some(self.of(v)[place as usize]);
+            return Some(self.of(v)[place as usize].triangle);
         }
-        let place = self.of(v).iter().position(has);
+        let place = self.of(v).iter().position(|at| at.has(triangles, w, v));
         count(place.unwrap_or(0));
-        place.map(|place| self.of(v)[place])
+        place.map(|place| self.of(v)[place].triangle)
     }
 
     fn remove(&mut self, triangles: &[[u32; 3]], triangle: u32) {
@@ -150,7 +171,7 @@ impl Around {
     fn remove_at(&mut self, v: u32, triangles: &[[u32; 3]], triangle: u32) {
         let place = match self.is_hub(v) {
             true => self.hubs.places.remove(&(v, triangle)).map(|place| place as usize),
-            false => self.of(v).iter().position(|t| *t == triangle),
+            false => self.of(v).iter().position(|at| at.triangle == triangle),
         };
         let Some(place) = place else { return };
         let of = self.of(v);
@@ -167,8 +188,8 @@ impl Around {
             among.remove(&(place as u32));
         }
         if place != last {
-            places.insert((v, moved), place as u32);
-            if let Some(among) = edges.get_mut(&edge(moved)) {
+            places.insert((v, moved.triangle), place as u32);
+            if let Some(among) = edges.get_mut(&(moved.before, v)) {
                 among.remove(&(last as u32));
                 among.insert(place as u32);
             }

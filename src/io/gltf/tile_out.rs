@@ -5,7 +5,8 @@
 //! of 24 bits exactly. Colours are linear, as glTF wants them; instead of colours there may be a page, an image within
 //! the file. Further properties are attributes with names that begin with `_`.
 
-use super::meshopt_out::{OCTAHEDRAL, octahedral, pack_rows, pack_triangles, reorder};
+use super::meshopt_out::{OCTAHEDRAL, octahedral, pack_triangles, reorder};
+use super::meshopt_vertices::encode_vertices;
 use super::tile_scalars::{TileScalar, element};
 use serde_json::{Value, json};
 
@@ -91,7 +92,7 @@ struct Binary {
 impl Binary {
     /// Adds a view of rows; returns its number.
     fn rows<const N: usize>(&mut self, rows: &[[u8; N]]) -> usize {
-        let packed = if self.packs { pack_rows(rows) } else { rows.as_flattened().to_vec() };
+        let packed = if self.packs { encode_vertices(rows) } else { rows.as_flattened().to_vec() };
         let mut view =
             self.view(&packed, rows.len() * N, json!({ "byteStride": N, "count": rows.len() }));
         view["byteStride"] = N.into();

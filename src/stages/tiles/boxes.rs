@@ -39,17 +39,33 @@ pub(super) fn of_leaves(
     boxes(mesh, place, parent_of, tile_triangles)
 }
 
+/// Bounds in whole steps.
+type Steps = [[i32; 3]; 2];
+
+/// Bounds around nothing.
+const NOTHING: Steps = [[i32::MAX; 3], [i32::MIN; 3]];
+
 /// The bounds of the triangles of a tile in each box of the level below, in steps of the tile's own.
-pub(super) fn bounds_by_box(tile: &TileMesh) -> Vec<[[i32; 3]; 2]> {
-    let mut out: BTreeMap<BoxKey, [[i32; 3]; 2]> = BTreeMap::new();
+pub(super) fn bounds_by_box(tile: &TileMesh) -> Vec<Steps> {
+    let mut out: BTreeMap<BoxKey, Steps> = BTreeMap::new();
+    // Triangles after each other are mostly in the same box.
+    let (mut last, mut bounds) = (None, NOTHING);
+    let joined = |a: Steps, b: Steps| {
+        [[0, 1, 2].map(|k| a[0][k].min(b[0][k])), [0, 1, 2].map(|k| a[1][k].max(b[1][k]))]
+    };
     for t in &tile.triangles {
         let corners = t.map(|v| tile.positions[v as usize]);
-        let bounds =
-            out.entry(Lattice::box_below(corners)).or_insert([[i32::MAX; 3], [i32::MIN; 3]]);
-        for p in corners {
-            bounds[0] = [0, 1, 2].map(|k| bounds[0][k].min(p[k]));
-            bounds[1] = [0, 1, 2].map(|k| bounds[1][k].max(p[k]));
+        let key = Lattice::box_below(corners);
+        if last != Some(key) {
+            if let Some(last) = last {
+                out.insert(last, bounds);
+            }
+            (last, bounds) = (Some(key), out.get(&key).copied().unwrap_or(NOTHING));
         }
+        corners.iter().for_each(|&p| bounds = joined(bounds, [p, p]));
+    }
+    if let Some(last) = last {
+        out.insert(last, bounds);
     }
     out.into_values().collect()
 }
