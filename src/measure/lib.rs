@@ -36,6 +36,7 @@ mod tilted;
 pub mod tree;
 pub mod triangle;
 mod unit;
+mod wide;
 
 pub use carried::Carried;
 pub use certificate::{Beyond, Certificate, Certify, LEAST_TOLERANCE, On, Verdict};

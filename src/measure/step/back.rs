@@ -39,7 +39,7 @@ pub(super) fn triangles(
         let own = coarse.triangles[t as usize];
         own.map(|v| (coarse.positions[v as usize], back[v as usize]))
     };
-    let mut within = Within::new(fine, patches, hints, limit);
+    let mut within = Within::new(fine, (patches, coarse.positions.len()), hints, limit);
     let mut below = Below::new(fine, limit);
     let mut wider = Wider { around, seen: vec![NONE; coarse.positions.len()], list: Vec::new() };
     let mut more = MORE * fine.triangles.len();

@@ -201,8 +201,42 @@ impl Below<'_> {
     }
 }
 
+/// Share of the limit that is kept in hand where heights are not cut off, and multiples of it up to which rounding takes less.
+const IN_HAND: f64 = 1e-9;
+const ROUNDED: f64 = 1e5;
+
 /// True if what of a triangle lies over the one in question is within the limit.
 pub(super) fn is_near(corners: [Over; 3], frame: &Frame) -> bool {
+    let leans = |sign: f64| (0..3).any(|side| leans(&corners, (sign, side), frame));
+    if leans(1.0) && leans(-1.0) {
+        return true;
+    }
+    is_cut_near(corners, frame)
+}
+
+/// Shows it to one side of the triangle in question, by one of its shares.
+///
+/// Over it no share is below the rim. So a height is at most what it is with any multiple of the share beyond the rim added, and
+/// that is linear, so greatest at a corner. False says nothing.
+#[inline]
+fn leans(corners: &[Over; 3], (sign, side): (f64, usize), frame: &Frame) -> bool {
+    let most = frame.limit * (1.0 - IN_HAND);
+    let of = |p: &Over| (sign * p.height, p.shares[side] - frame.rim);
+    let mut factor = 0f64;
+    for (height, share) in corners.iter().map(of) {
+        if height > most && share < 0.0 {
+            factor = factor.max((height - most) / -share);
+        }
+    }
+    let (most, far) = (frame.limit * (1.0 - 0.5 * IN_HAND), ROUNDED * frame.limit);
+    corners.iter().map(of).all(|(height, share)| {
+        let added = factor * share;
+        height + added <= most && height.abs() <= far && added.abs() <= far
+    })
+}
+
+/// The same, exactly: by the part that is left after each side.
+fn is_cut_near(corners: [Over; 3], frame: &Frame) -> bool {
     // What is left of it after each side.
     let (mut part, mut n) = ([corners[0]; 8], 3);
     part[..3].copy_from_slice(&corners);

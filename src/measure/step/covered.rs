@@ -7,6 +7,7 @@ use super::around::{Forward, NONE};
 use super::patches::Patches;
 use super::star::{Place, Star};
 use crate::triangle::Vector;
+use crate::wide::{WideJob, run};
 
 /// Corners of the four quarters of a triangle, by the numbers of its corners and of the middles of its sides.
 pub(super) const QUARTERS: [[usize; 3]; 4] = [[0, 3, 5], [1, 4, 3], [2, 5, 4], [3, 4, 5]];
@@ -29,6 +30,22 @@ pub(super) struct Quartered {
     pub(super) most: f64,
 }
 
+/// A look at all triangles as a whole.
+struct StarLook<'a> {
+    covered: &'a mut Covered,
+    forward: &'a Forward<'a>,
+    patches: &'a Patches,
+}
+
+impl WideJob for StarLook<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.covered.whole(self.forward, self.patches);
+    }
+}
+
 /// Corners of a triangle and the middles of its sides.
 pub(super) fn with_middles([a, b, c]: [Vector; 3]) -> [Vector; 6] {
     let middle = |p: Vector, q: Vector| [0, 1, 2].map(|k| 0.5 * (p[k] + q[k]));
@@ -42,15 +59,16 @@ impl Covered {
         let fine = forward.fine;
         let mut covered =
             Covered { most: vec![f64::INFINITY; fine.triangles.len()], rest: Vec::new() };
-        covered.whole(forward, patches);
+        run(StarLook { covered: &mut covered, forward, patches });
         covered.quarters(forward, hints);
         covered
     }
 
+    #[inline(always)]
     fn whole(&mut self, forward: &Forward, patches: &Patches) {
         let Forward { fine, coarse, around } = *forward;
         let mut star = Star::new();
-        let mut places: Vec<Option<Place>> = Vec::new();
+        let mut places: Vec<Place> = Vec::new();
         for v in 0..coarse.positions.len() as u32 {
             let (triangles, vertices) = (patches.triangles(v), patches.vertices(v));
             let is_small = vertices.len() <= usize::from(u16::MAX);
@@ -58,25 +76,24 @@ impl Covered {
                 continue;
             }
             places.clear();
-            places.resize(vertices.len(), None);
-            let mut place = |k: u16| {
-                let k = usize::from(k);
-                *places[k].get_or_insert_with(|| star.place(fine.positions[vertices[k] as usize]))
-            };
-            for (&t, &[a, b, c]) in triangles.iter().zip(patches.corners(v)) {
+            places.resize(vertices.len(), Place::UNKNOWN);
+            for (&t, corners) in triangles.iter().zip(patches.corners(v)) {
                 let most = &mut self.most[t as usize];
                 if most.is_finite() {
                     continue;
                 }
-                let a = place(a);
-                if a.is_outside() {
-                    continue;
+                let mut is_over = true;
+                for k in corners.map(usize::from) {
+                    if places[k].is_unknown() {
+                        places[k] = star.place(fine.positions[vertices[k] as usize]);
+                    }
+                    is_over &= !places[k].is_outside();
+                    if !is_over {
+                        break;
+                    }
                 }
-                let (b, c) = (place(b), place(c));
-                if b.is_outside() || c.is_outside() {
-                    continue;
-                }
-                if let Some(over) = star.over([&a, &b, &c]) {
+                let corners = corners.map(|k| &places[usize::from(k)]);
+                if is_over && let Some(over) = star.over(corners) {
                     *most = over;
                 }
             }

@@ -46,15 +46,17 @@ impl Patches {
             edges.n_own = 0;
             edges.own.clear();
             for &t in near.of(v) {
-                let [a, b, c] = mesh.triangles[t as usize].map(|w| {
+                let mut places = [0u16; 3];
+                for (place, w) in places.iter_mut().zip(mesh.triangles[t as usize]) {
                     let last = &mut last[w as usize];
                     if last[0] != v {
                         *last = [v, (vertices.len() - start) as u32];
                         vertices.push(w);
                         edges.add_vertex(hints[w as usize] == v);
                     }
-                    last[1] as u16
-                });
+                    *place = last[1] as u16;
+                }
+                let [a, b, c] = places;
                 corners.push([a, b, c]);
                 match [a, b, c].map(|k| edges.own[usize::from(k)] != OTHER) {
                     [true, false, false] => rim.push([b, c]),

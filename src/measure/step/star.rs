@@ -14,14 +14,18 @@ use stonecut_mesh::vec3::{add, cross, dot, length_sq, scale, sub};
 /// Triangles at a vertex, at most.
 const MOST: usize = 15;
 
+/// Edges that are looked at together.
+const LANES: usize = 8;
+
 /// Triangles that are seen more from the side than this, as the cosine, are not taken.
 const STEEPEST: f64 = 0.1;
 
 /// Rounding of places as a share of the size of a star; of products of two lengths, as a share of its square.
 const ROUNDING: f64 = 1e-12;
 
-/// The sector of a place that lies over no triangle of a star.
+/// The sector of a place that lies over no triangle of a star, and of one that was not looked for.
 const OUTSIDE: u32 = u32::MAX;
+const UNKNOWN: u32 = u32::MAX - 1;
 
 /// An edge at the vertex, and the triangle that follows it counter-clockwise.
 #[derive(Clone, Copy, Default)]
@@ -41,10 +45,12 @@ pub(super) struct Star {
     n: usize,
     is_closed: bool,
     origin: Vector,
-    /// Two directions across, and the normal.
-    axes: [Vector; 3],
+    /// Two directions across, and the normal: first of all of them the first coordinates.
+    axes: [[f64; 4]; 3],
     /// Counter-clockwise; at the end the edge behind the last triangle.
     rays: [Ray; MOST + 1],
+    /// Ends of the edges once more, side by side, and 0 behind the last.
+    ends: [[f64; MOST + 1]; 2],
     /// The largest squared length of an edge at the vertex, as it is seen.
     size_sq: f64,
     /// Products of two lengths up to this are 0.
@@ -69,6 +75,14 @@ pub(super) struct Place {
 }
 
 impl Place {
+    /// A place that was not looked for.
+    pub(super) const UNKNOWN: Place = Place { x: 0.0, y: 0.0, z: 0.0, off: 0.0, sector: UNKNOWN };
+
+    /// True if it was not looked for.
+    pub(super) fn is_unknown(&self) -> bool {
+        self.sector == UNKNOWN
+    }
+
     /// True if it lies over none of the triangles.
     pub(super) fn is_outside(&self) -> bool {
         self.sector == OUTSIDE
@@ -81,8 +95,9 @@ impl Star {
             n: 0,
             is_closed: false,
             origin: [0.0; 3],
-            axes: [[0.0; 3]; 3],
+            axes: [[0.0; 4]; 3],
             rays: [Ray::default(); MOST + 1],
+            ends: [[0.0; MOST + 1]; 2],
             size_sq: 0.0,
             tiny: 0.0,
             limits: [0.0; MOST + 1],
@@ -133,10 +148,12 @@ impl Star {
         let across = cross(normal, aside);
         let across = scale(across, 1.0 / length_sq(across).sqrt());
         let along = cross(normal, across);
-        self.axes = [across, along, normal];
+        self.axes = [0, 1, 2].map(|k| [across[k], along[k], normal[k], 0.0]);
+        self.ends = [[0.0; MOST + 1]; 2];
         let mut size_sq = 0.0f64;
         for k in 0..=n {
-            let [x, y, z] = self.axes.map(|axis| dot(ends[k], axis));
+            let [x, y, z, _] = self.along(ends[k]);
+            (self.ends[0][k], self.ends[1][k]) = (x, y);
             let length_sq = x * x + y * y;
             size_sq = size_sq.max(length_sq);
             let last = k.min(n - 1);
@@ -168,17 +185,40 @@ impl Star {
         pairs.map(angle).sum::<f64>() < 0.999 * std::f64::consts::TAU
     }
 
+    /// A direction by the three axes.
+    #[inline(always)]
+    fn along(&self, from: Vector) -> [f64; 4] {
+        let [first, second, third] = &self.axes;
+        let mut along = [0.0; 4];
+        for k in 0..4 {
+            along[k] = from[0] * first[k] + from[1] * second[k] + from[2] * third[k];
+        }
+        along
+    }
+
+    /// A bit for each edge at the vertex, of some of them, that a place is to the right of.
+    #[inline(always)]
+    fn right<const FROM: usize>(&self, x: f64, y: f64) -> u64 {
+        let [ray_x, ray_y] = self.ends.each_ref().map(|row| &row[FROM..FROM + LANES]);
+        let limits = &self.limits[FROM..FROM + LANES];
+        let mut right = 0;
+        for k in 0..LANES {
+            let is_right = ray_x[k] * y - ray_y[k] * x < limits[k];
+            right |= if is_right { 1 << (FROM + k) } else { 0 };
+        }
+        right
+    }
+
     /// A point as it lies over the star.
+    #[inline(always)]
     pub(super) fn place(&self, point: Vector) -> Place {
-        let from = sub(point, self.origin);
-        let [across, along, normal] = self.axes;
-        let (x, y, z) = (dot(from, across), dot(from, along), dot(from, normal));
+        let [x, y, z, _] = self.along(sub(point, self.origin));
         let mut place = Place { x, y, z, off: 0.0, sector: OUTSIDE };
         // What is not a number is outside.
         if x * x + y * y <= self.size_sq {
-            let mut right = 0u32;
-            for (k, (ray, limit)) in (0u32..).zip(self.rays[..=self.n].iter().zip(&self.limits)) {
-                right |= u32::from(ray.x * y - ray.y * x < *limit) << k;
+            let mut right = self.right::<0>(x, y);
+            if self.n >= LANES {
+                right |= self.right::<LANES>(x, y);
             }
             // Not to the right of an edge, but of the next one.
             let k = (!right & (right >> 1)).trailing_zeros();
@@ -195,6 +235,7 @@ impl Star {
     }
 
     /// The distance of a triangle, if it lies over the star; all its corners do.
+    #[inline(always)]
     pub(super) fn over(&self, corners: [&Place; 3]) -> Option<f64> {
         let [a, b, c] = corners;
         let mut most = a.off.max(b.off).max(c.off);
@@ -222,6 +263,7 @@ impl Star {
 
     /// Looks at the places where an edge of a triangle crosses those at the vertex, counter-clockwise. False if that leads out
     /// of the star.
+    #[inline(always)]
     fn cross(&self, p: &Place, q: &Place, most: &mut f64) -> bool {
         let mut k = p.sector as usize;
         while k != q.sector as usize {

@@ -4,22 +4,24 @@
 //! edges of their rims that have no such end, and those that are loose in the mesh: no edges have to be matched as in `below`, which
 //! has the argument. How often the border goes around a point is how often the triangles cover it.
 
+use super::around::NONE;
 use super::below::{Frame, Over, POINT, crosses, is_near};
 use super::patches::{MOST, Patches};
 use crate::triangle::Vector;
+use crate::wide::{WideJob, run};
 use stonecut_mesh::Mesh;
 
 /// A bit for each side of the triangle that a place does not lie within.
-const SIDES: u8 = 7;
+const SIDES: u64 = 7;
 
 /// The bit of places that are too far.
-const HIGH: u8 = 8;
+const HIGH: u64 = 8;
 
 /// A bit for each corner: of the vertices that went into it.
-const OWN: [u8; 3] = [0x10, 0x20, 0x40];
+const OWN: [u64; 3] = [0x10, 0x20, 0x40];
 
 /// The bit of places beyond the line through the point that is tried.
-const BEYOND: u8 = 0x80;
+const BEYOND: u64 = 0x80;
 
 /// Outcome of the quick look.
 #[derive(Clone, Copy, PartialEq)]
@@ -32,39 +34,117 @@ pub(super) enum Found {
     Open,
 }
 
-/// A vertex of the mesh, and the vertex of its version that it went into. Two to a cache line, none in two.
-#[derive(Clone, Copy)]
-#[repr(align(32))]
-struct Vertex {
-    place: Vector,
-    hint: u32,
+/// Patches of at most this many vertices are kept for the triangles to come, and this many of them: those of about two rows of
+/// triangles.
+const SMALL: usize = 32;
+const KEPT: usize = 512;
+
+/// The vertices of a patch side by side: their places, and the vertices of the version that they went into.
+#[derive(Clone)]
+struct PatchRows<const N: usize> {
+    /// The vertex of the patch.
+    of: u32,
+    place: [[f64; N]; 3],
+    hint: [u32; N],
+}
+
+impl<const N: usize> PatchRows<N> {
+    const EMPTY: PatchRows<N> = PatchRows { of: NONE, place: [[0.0; N]; 3], hint: [0; N] };
+
+    /// Gathers a patch, if it is not there already.
+    #[inline(always)]
+    fn gather(&mut self, v: u32, vertices: &[u32], mesh: &Mesh, hints: &[u32]) {
+        if self.of == v {
+            return;
+        }
+        self.of = v;
+        for (i, &w) in vertices.iter().enumerate() {
+            let place = mesh.positions[w as usize];
+            (0..3).for_each(|k| self.place[k][i] = place[k]);
+            self.hint[i] = hints[w as usize];
+        }
+    }
 }
 
 /// The vertices of a patch as they lie over a triangle: seen from its first corner, as shares of the other two corners and height,
 /// and bits.
 pub(super) struct Within<'a> {
-    /// Side by side, since a look needs both of each.
-    mesh: Vec<Vertex>,
+    mesh: &'a Mesh,
+    hints: &'a [u32],
     patches: &'a Patches,
     limit: f64,
-    from: [[f64; MOST]; 3],
+    small: Vec<PatchRows<SMALL>>,
+    large: Box<PatchRows<MOST>>,
+    over: Places,
+}
+
+/// Places over a triangle, side by side.
+struct Places {
     shares: [[f64; MOST]; 2],
     height: [f64; MOST],
-    bits: [u8; MOST],
+    /// As wide as the numbers that they come from: narrow ones take longer.
+    bits: [u64; MOST],
+}
+
+/// A bit for each of up to 64 that count. They are rare, and nothing foretells them: found without a branch for each.
+#[inline(always)]
+fn marked<T: Copy>(few: &[T], counts: impl Fn(T) -> bool) -> u64 {
+    let mut marked = 0;
+    for (k, &one) in few.iter().enumerate() {
+        marked |= u64::from(counts(one)) << k;
+    }
+    marked
+}
+
+/// True if an edge may lie over the triangle, by the bits of its ends.
+#[inline(always)]
+fn is_over(a: u64, b: u64) -> bool {
+    a & b & SIDES == 0
+}
+
+/// True if an edge leads across the line through the point that is tried.
+#[inline(always)]
+fn is_across(a: u64, b: u64) -> bool {
+    (a ^ b) & BEYOND != 0
+}
+
+/// A look at one triangle.
+struct Look<'a, 'b> {
+    within: &'a mut Within<'b>,
+    triangle: &'a [Vector; 3],
+    own: [u32; 3],
+}
+
+impl WideJob for Look<'_, '_> {
+    type Output = Found;
+
+    #[inline(always)]
+    fn run(self) -> Found {
+        self.within.look_wide(self.triangle, self.own)
+    }
 }
 
 impl<'a> Within<'a> {
-    /// Of a mesh with its patches, and the vertices that its own went into; within a distance.
-    pub(super) fn new(mesh: &Mesh, patches: &'a Patches, hints: &[u32], limit: f64) -> Self {
+    /// Of a mesh with its patches, and the vertices that its own went into; within a distance. `n` is the number of the patches.
+    pub(super) fn new(
+        mesh: &'a Mesh,
+        (patches, n): (&'a Patches, usize),
+        hints: &'a [u32],
+        limit: f64,
+    ) -> Self {
         let zero = [0.0; MOST];
-        let (from, shares) = ([zero; 3], [zero; 2]);
-        let vertices = mesh.positions.iter().zip(hints);
-        let mesh = vertices.map(|(&place, &hint)| Vertex { place, hint }).collect();
-        Within { mesh, patches, limit, from, shares, height: zero, bits: [0; MOST] }
+        let over = Places { shares: [zero; 2], height: zero, bits: [0; MOST] };
+        let small = vec![PatchRows::EMPTY; n.clamp(1, KEPT)];
+        Within { mesh, hints, patches, limit, small, large: Box::new(PatchRows::EMPTY), over }
     }
 
     /// True if the patches of the corners `own` of the triangle `t` cover it as a whole, but for its rim.
-    pub(super) fn look(&mut self, t: &[Vector; 3], own: [u32; 3]) -> Found {
+    pub(super) fn look(&mut self, triangle: &[Vector; 3], own: [u32; 3]) -> Found {
+        run(Look { within: self, triangle, own })
+    }
+
+    #[inline(always)]
+    fn look_wide(&mut self, t: &[Vector; 3], own: [u32; 3]) -> Found {
         let borders = own.map(|v| self.patches.border(v));
         let [Some(a), Some(b), Some(c)] = borders else { return Found::Perhaps };
         let Some(frame) = Frame::new(t, self.limit) else { return Found::Open };
@@ -74,38 +154,94 @@ impl<'a> Within<'a> {
         for (v, border, met) in [(own[0], a, 0), (own[1], b, OWN[0]), (own[2], c, OWN[0] | OWN[1])]
         {
             let any = self.place(&frame, v, own);
-            match self.around(border.rim, all, frame.rim) {
+            match self.over.around(border.rim, all, frame.rim) {
                 Some(turns) => times += turns,
                 None => return Found::Perhaps,
             }
-            match self.around(border.loose, met, frame.rim) {
+            match self.over.around(border.loose, met, frame.rim) {
                 Some(turns) => times += turns,
                 None => return Found::Open,
             }
-            if any & HIGH != 0 && self.is_too_far(self.patches.corners(v), &frame) {
+            if any & HIGH != 0 && self.over.is_too_far(self.patches.corners(v), &frame) {
                 return Found::Open;
             }
         }
         if times != 0 { Found::Covered } else { Found::Open }
     }
 
+    /// Finds the places of a patch; returns all bits that any of them has.
+    #[inline(always)]
+    fn place(&mut self, frame: &Frame, v: u32, own: [u32; 3]) -> u64 {
+        let Within { mesh, hints, patches, small, large, over, .. } = self;
+        let vertices = patches.vertices(v);
+        let n = vertices.len();
+        if n <= SMALL {
+            let at = v as usize % small.len();
+            small[at].gather(v, vertices, mesh, hints);
+            return over.place(&small[at], n, frame, own);
+        }
+        large.gather(v, vertices, mesh, hints);
+        over.place(large, n, frame, own)
+    }
+}
+
+impl Places {
+    /// Finds the places of the first `n` vertices of a patch; returns all bits that any of them has.
+    #[inline(always)]
+    fn place<const N: usize>(
+        &mut self,
+        rows: &PatchRows<N>,
+        n: usize,
+        frame: &Frame,
+        own: [u32; 3],
+    ) -> u64 {
+        let [x, y, z] = rows.place.each_ref().map(|row| &row[..n]);
+        let hint = &rows.hint[..n];
+        let [b, c] = self.shares.each_mut().map(|row| &mut row[..n]);
+        let (height, bits) = (&mut self.height[..n], &mut self.bits[..n]);
+        let mut any = 0;
+        for i in 0..n {
+            let (x, y, z) =
+                (x[i] - frame.origin[0], y[i] - frame.origin[1], z[i] - frame.origin[2]);
+            let along_b = x * frame.to_b[0] + y * frame.to_b[1] + z * frame.to_b[2];
+            let along_c = x * frame.to_c[0] + y * frame.to_c[1] + z * frame.to_c[2];
+            let up = x * frame.up[0] + y * frame.up[1] + z * frame.up[2];
+            let out = (u64::from(hint[i] == own[0]) * OWN[0])
+                | (u64::from(hint[i] == own[1]) * OWN[1])
+                | (u64::from(hint[i] == own[2]) * OWN[2])
+                | u64::from(1.0 - along_b - along_c <= frame.rim)
+                | u64::from(along_b <= frame.rim) << 1
+                | u64::from(along_c <= frame.rim) << 2
+                | u64::from(up.abs() > frame.limit) << 3
+                | u64::from(along_c >= POINT[1]) << 7;
+            (b[i], c[i], height[i], bits[i]) = (along_b, along_c, up, out);
+            any |= out;
+        }
+        any
+    }
+
     /// The bits of a place.
     #[inline(always)]
-    fn bits(&self, k: u16) -> u8 {
+    fn bits(&self, k: u16) -> u64 {
         self.bits[usize::from(k) % MOST]
     }
 
     /// Times that some edges without ends of `but` go around the point that is tried; none if one of them lies over the triangle.
     #[inline(always)]
-    fn around(&self, edges: &[[u16; 2]], but: u8, rim: f64) -> Option<i32> {
+    fn around(&self, edges: &[[u16; 2]], but: u64, rim: f64) -> Option<i32> {
         let mut times = 0;
-        for &[p, q] in edges {
-            let (a, b) = (self.bits(p), self.bits(q));
-            let (is_over, is_across) = (a & b & SIDES == 0, (a ^ b) & BEYOND != 0);
-            // Both are rare, so that there is one branch for each edge.
-            if ((a | b) & but == 0) & (is_over | is_across) {
+        for few in edges.chunks(64) {
+            let mut counted = marked(few, |[p, q]| {
+                let (a, b) = (self.bits(p), self.bits(q));
+                ((a | b) & but == 0) & (is_over(a, b) | is_across(a, b))
+            });
+            while counted != 0 {
+                let [p, q] = few[counted.trailing_zeros() as usize % 64];
+                counted &= counted - 1;
                 let ends = [p, q].map(usize::from);
-                if is_over && crosses([&self.over(ends[0]), &self.over(ends[1])], rim) {
+                if is_over(self.bits(p), self.bits(q))
+                    && crosses([&self.over(ends[0]), &self.over(ends[1])], rim)
+                {
                     return None;
                 }
                 times += self.turn(ends);
@@ -115,46 +251,22 @@ impl<'a> Within<'a> {
     }
 
     /// True if one of some triangles is too far where it lies over the triangle.
-    fn is_too_far(&self, corners: &[[u16; 3]], frame: &Frame) -> bool {
-        corners.iter().any(|corners| {
-            let [a, b, c] = corners.map(|k| self.bits(k));
-            (((a | b | c) & HIGH != 0) & (a & b & c & SIDES == 0))
-                && !is_near(corners.map(|k| self.over(usize::from(k))), frame)
-        })
-    }
-
-    /// Finds the places of a patch; returns all bits that any of them has.
     #[inline(always)]
-    fn place(&mut self, frame: &Frame, v: u32, own: [u32; 3]) -> u8 {
-        let vertices = self.patches.vertices(v);
-        let n = vertices.len();
-        let [x, y, z] = self.from.each_mut().map(|row| &mut row[..n]);
-        let bits = &mut self.bits[..n];
-        for (i, &w) in vertices.iter().enumerate() {
-            let Vertex { place, hint } = self.mesh[w as usize];
-            x[i] = place[0] - frame.origin[0];
-            y[i] = place[1] - frame.origin[1];
-            z[i] = place[2] - frame.origin[2];
-            bits[i] = (u8::from(hint == own[0]) * OWN[0])
-                | (u8::from(hint == own[1]) * OWN[1])
-                | (u8::from(hint == own[2]) * OWN[2]);
+    fn is_too_far(&self, corners: &[[u16; 3]], frame: &Frame) -> bool {
+        for few in corners.chunks(64) {
+            let mut counted = marked(few, |[a, b, c]| {
+                let (a, b, c) = (self.bits(a), self.bits(b), self.bits(c));
+                ((a | b | c) & HIGH != 0) & (a & b & c & SIDES == 0)
+            });
+            while counted != 0 {
+                let corners = few[counted.trailing_zeros() as usize % 64];
+                counted &= counted - 1;
+                if !is_near(corners.map(|k| self.over(usize::from(k))), frame) {
+                    return true;
+                }
+            }
         }
-        let [b, c] = self.shares.each_mut().map(|row| &mut row[..n]);
-        let height = &mut self.height[..n];
-        for i in 0..n {
-            let along = |to: Vector| x[i] * to[0] + y[i] * to[1] + z[i] * to[2];
-            (b[i], c[i], height[i]) = (along(frame.to_b), along(frame.to_c), along(frame.up));
-        }
-        let mut any = 0;
-        for i in 0..n {
-            bits[i] |= u8::from(1.0 - b[i] - c[i] <= frame.rim)
-                | u8::from(b[i] <= frame.rim) << 1
-                | u8::from(c[i] <= frame.rim) << 2
-                | u8::from(height[i].abs() > frame.limit) << 3
-                | u8::from(c[i] >= POINT[1]) << 7;
-            any |= bits[i];
-        }
-        any
+        false
     }
 
     #[inline]

@@ -110,7 +110,7 @@ impl Node {
     }
 
     /// Lower bounds of the squared distances to the eight boxes.
-    #[inline]
+    #[inline(always)]
     pub(super) fn bounds(&self, query: &Query) -> [f32; WIDTH] {
         let mut sum = [0f32; WIDTH];
         for k in 0..3 {

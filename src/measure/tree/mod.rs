@@ -13,6 +13,7 @@ mod tests;
 
 use super::tilted::{Inside, Tilted};
 use super::triangle::{self, Vector};
+use super::wide::{WideJob, run};
 use boxes::{Frame, LEAF, Node, TILTED, WIDTH};
 use stonecut_mesh::steps::count;
 
@@ -51,6 +52,25 @@ impl Nearest {
     /// True once a triangle was found.
     pub fn is_found(&self) -> bool {
         self.slot != u32::MAX
+    }
+}
+
+/// A search for the nearest triangle.
+struct TreeSearch<'a, A, L> {
+    tree: &'a Tree,
+    point: Vector,
+    guess: Nearest,
+    enough_sq: f64,
+    accepts: A,
+    look: L,
+}
+
+impl<A: Fn(&[Vector; 3]) -> bool, L: FnMut()> WideJob for TreeSearch<'_, A, L> {
+    type Output = Nearest;
+
+    #[inline(always)]
+    fn run(self) -> Nearest {
+        self.tree.search_wide(self)
     }
 }
 
@@ -171,15 +191,23 @@ impl Tree {
         n <= most
     }
 
-    #[inline(always)]
     fn search(
         &self,
         point: Vector,
         guess: Nearest,
         enough_sq: f64,
         accepts: impl Fn(&[Vector; 3]) -> bool,
-        mut look: impl FnMut(),
+        look: impl FnMut(),
     ) -> Nearest {
+        run(TreeSearch { tree: self, point, guess, enough_sq, accepts, look })
+    }
+
+    #[inline(always)]
+    fn search_wide<A: Fn(&[Vector; 3]) -> bool, L: FnMut()>(
+        &self,
+        search: TreeSearch<A, L>,
+    ) -> Nearest {
+        let TreeSearch { point, guess, enough_sq, accepts, mut look, .. } = search;
         let mut best = guess;
         if self.is_empty() || best.distance_sq <= enough_sq {
             return best;
