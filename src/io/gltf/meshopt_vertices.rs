@@ -95,11 +95,14 @@ fn put_groups(plane: &[u8], out: &mut Vec<u8>) {
     for (place, group) in groups.iter().enumerate() {
         let n_over = |most| group.iter().map(|&byte| u8::from(byte >= most)).sum::<u8>();
         let (two, four) = (4 + n_over(3), 8 + n_over(15));
-        let width: u8 = match () {
-            () if *group == [0; GROUP] => 0,
-            () if two <= four && two < 16 => 1,
-            () if four < 16 => 2,
-            () => 3,
+        let width: u8 = if *group == [0; GROUP] {
+            0
+        } else if two <= four && two < 16 {
+            1
+        } else if four < 16 {
+            2
+        } else {
+            3
         };
         match width {
             0 => {}
