@@ -65,7 +65,7 @@ impl Covered {
     }
 
     #[inline(always)]
-    fn whole(&mut self, forward: &Forward, patches: &Patches) {
+    pub(super) fn whole(&mut self, forward: &Forward, patches: &Patches) {
         let Forward { fine, coarse, around } = *forward;
         let mut star = Star::new();
         let mut places: Vec<Place> = Vec::new();

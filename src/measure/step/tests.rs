@@ -50,6 +50,30 @@ fn a_bound_is_never_below_the_distance_and_not_far_above() {
 }
 
 #[test]
+fn wide_registers_change_no_bit() {
+    let height = |x: f64, y: f64| 0.1 * (7.0 * x).sin() * (5.0 * y).cos();
+    let (fine, coarse) = (sheet(40, height), sheet(10, height));
+    let hints: Vec<u32> = (0..41 * 41).map(|v| (v / 41 + 2) / 4 * 11 + (v % 41 + 2) / 4).collect();
+    let (n, around) = (coarse.positions.len(), Around::vertices(&coarse));
+    let patches = Patches::new(&fine, &hints, n);
+    let forward = Forward { fine: &fine, coarse: &coarse, around: &around };
+    let wide = Covered::find(&forward, &patches, &hints);
+    let mut narrow = Covered { most: vec![f64::INFINITY; fine.triangles.len()], rest: Vec::new() };
+    narrow.whole(&forward, &patches);
+    let over_stars = narrow.most.iter().zip(&wide.most).filter(|(narrow, _)| narrow.is_finite());
+    assert!(over_stars.clone().count() > fine.triangles.len() / 2);
+    assert!(over_stars.clone().all(|(narrow, wide)| narrow == wide));
+    for limit in [1e-3, 1e-2, 3e-2] {
+        let [mut wide, mut narrow] =
+            [0; 2].map(|_| within::Within::new(&fine, (&patches, n), &hints, limit));
+        for t in 0..coarse.triangles.len() {
+            let (places, own) = (coarse.corners(t), coarse.triangles[t]);
+            assert!(wide.look(&places, own) == narrow.look_wide(&places, own), "{limit} {t}");
+        }
+    }
+}
+
+#[test]
 fn nothing_done_is_no_distance() {
     let sheet = sheet(9, |x, y| x * y);
     assert!(deviation(&sheet, &sheet.clone(), &[], 1.25) < 1e-12);

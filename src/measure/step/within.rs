@@ -144,7 +144,7 @@ impl<'a> Within<'a> {
     }
 
     #[inline(always)]
-    fn look_wide(&mut self, t: &[Vector; 3], own: [u32; 3]) -> Found {
+    pub(super) fn look_wide(&mut self, t: &[Vector; 3], own: [u32; 3]) -> Found {
         let borders = own.map(|v| self.patches.border(v));
         let [Some(a), Some(b), Some(c)] = borders else { return Found::Perhaps };
         let Some(frame) = Frame::new(t, self.limit) else { return Found::Open };

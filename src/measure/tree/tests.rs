@@ -48,6 +48,10 @@ fn answers_equal_a_plain_search_bit_for_bit() {
             let found = tree.nearest(p, Nearest::NONE);
             assert_eq!(found.distance_sq, plain, "{n} {size} {far}");
             assert_eq!(found.is_found(), n > 0);
+            let (guess, accepts) = (Nearest::NONE, |_: &[Vector; 3]| true);
+            let narrow =
+                TreeSearch { tree: &tree, point: p, guess, enough_sq: -1.0, accepts, look: || {} };
+            assert_eq!(narrow.run(), found, "wide registers change nothing");
             assert_eq!(tree.nearest(p, tree.guess(p, hint)), found, "a guess changes nothing");
             hint = found.slot;
             let within = tree.nearest_unless_within(p, Nearest::NONE, plain * 1.5);
