@@ -30,7 +30,7 @@ const CRATES: [&str; 12] = [
 ];
 
 /// Homes of outside crates; those that are not listed may be used anywhere.
-const HOMES: [(&str, &[&str]); 35] = [
+const HOMES: [(&str, &[&str]); 36] = [
     ("base64", &["io/gltf/buffers.rs", "report/"]),
     ("basis_universal", &["render/texture/ktx2_image.rs"]),
     ("bevy_mikktspace", &["render/texture/frames.rs"]),
@@ -47,6 +47,7 @@ const HOMES: [(&str, &[&str]); 35] = [
     ("image", &["render/texture/images.rs", "render/texture/ktx2_image.rs"]),
     ("imagesize", &["io/materials/images.rs"]),
     ("indicatif", &["cli/display.rs"]),
+    ("jpeg_decoder", &["render/texture/jpeg.rs"]),
     ("jpeg_encoder", &["bake/pages.rs"]),
     ("ktx2", &["render/texture/ktx2_image.rs"]),
     ("memchr", &["io/text_lines.rs"]),

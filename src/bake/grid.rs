@@ -1,6 +1,6 @@
-//! Points of a grid that lie in a triangle on a page.
+//! Points of a grid that lie in a triangle on a page; those of several triangles that lie in the same cell.
 //!
-//! Triangles at an edge share it: every point between them is in exactly one. Knows no texels and no colours.
+//! Triangles at an edge share it: every point between them is in exactly one. Knows no colours.
 
 use std::ops::Range;
 
@@ -54,6 +54,52 @@ pub(super) fn each_point(
     }
 }
 
+/// Calls `each` with every cell that any of `n` points lie in, row by row: its row, its column and the numbers of the points.
+pub(super) fn each_cell(
+    n: usize,
+    cell: impl Fn(usize) -> [u32; 2],
+    mut each: impl FnMut([u32; 2], &[u32]),
+) {
+    const NONE: u32 = u32::MAX;
+    let all = |fold: fn(u32, u32) -> u32| (0..n).map(|i| cell(i)[0]).reduce(fold);
+    let (Some(first), Some(last)) = (all(u32::min), all(u32::max)) else { return };
+    // Columns of every row.
+    let mut spans = vec![[NONE, 0]; (last - first) as usize + 1];
+    for i in 0..n {
+        let [row, column] = cell(i);
+        let span = &mut spans[(row - first) as usize];
+        *span = [span[0].min(column), span[1].max(column + 1)];
+    }
+    let mut starts = Vec::with_capacity(spans.len());
+    let mut n_cells = 0;
+    for [low, end] in &spans {
+        starts.push(n_cells);
+        n_cells += end.saturating_sub(*low) as usize;
+    }
+    // The first point of each cell, and behind each point the next of the same cell.
+    let (mut heads, mut behind) = (vec![NONE; n_cells], vec![NONE; n]);
+    for i in (0..n).rev() {
+        let [row, column] = cell(i);
+        let row = (row - first) as usize;
+        let head = &mut heads[starts[row] + (column - spans[row][0]) as usize];
+        (behind[i], *head) = (*head, i as u32);
+    }
+    let mut same = Vec::new();
+    for ((row, span), start) in (first..).zip(&spans).zip(starts) {
+        for (column, &head) in (span[0]..span[1]).zip(&heads[start..]) {
+            let mut next = head;
+            same.clear();
+            while next != NONE {
+                same.push(next);
+                next = behind[next as usize];
+            }
+            if !same.is_empty() {
+                each([row, column], &same);
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -84,5 +130,17 @@ mod tests {
             });
         }
         assert_eq!(some, 20);
+    }
+
+    #[test]
+    fn points_come_cell_by_cell() {
+        let cells = [[7, 3], [5, 9], [7, 3], [7, 1], [5, 2], [7, 3], [9, 0]];
+        let mut found = Vec::new();
+        each_cell(cells.len(), |i| cells[i], |cell, same| found.push((cell, same.to_vec())));
+        let expected =
+            [([5, 2], vec![4]), ([5, 9], vec![1]), ([7, 1], vec![3]), ([7, 3], vec![0, 2, 5])];
+        assert_eq!(found[..4], expected);
+        assert_eq!(found[4..], [([9, 0], vec![6])]);
+        each_cell(0, |_| [0, 0], |_, _| panic!("none is there"));
     }
 }

@@ -163,7 +163,11 @@ pub fn bake(
         emission: canvas(has_emission)?,
         surface: canvas(has_surface)?,
     };
-    let cache = ImageCache::new(&palette, free_bytes / IMAGE_SHARE);
+    // Directions have two points for a side at least: what they leave out shows as noise in highlights.
+    let side = texels::points_of_side(density.of_images, charts.texels_per_unit)
+        .max(1 + u32::from(options.normals));
+    let mut cache = ImageCache::new(&palette, free_bytes / IMAGE_SHARE);
+    cache.halve(|image| original.halvings(image, f64::from(side) * charts.texels_per_unit));
     let seen = texels::fill(
         &texels::Scene {
             mesh: &mesh,
@@ -172,9 +176,7 @@ pub fn bake(
             original: &original,
             palette: &palette,
             images: &cache,
-            // Directions have two points for a side at least: what they leave out shows as noise in highlights.
-            side: texels::points_of_side(density.of_images, charts.texels_per_unit)
-                .max(1 + u32::from(options.normals)),
+            side,
             batch_bytes: free_bytes / POINT_SHARE,
             threads: means.threads,
             progress,

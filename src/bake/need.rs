@@ -127,7 +127,7 @@ pub fn check(
     let images = palette.decoded_bytes();
     let least = least_work_bytes(&palette);
     let free = free_bytes(n_triangles, (taken, least), memory_bytes)?;
-    let Texels { n: n_texels, are_fewer } = texels(original, &palette, options)?;
+    let Texels { n: n_texels, n_wanted } = texels(original, &palette, options)?;
     let n_in = original.n_triangles();
     let n_canvases =
         [has_looks(original), options.normals, palette.has_emission(), palette.has_surface()];
@@ -135,8 +135,13 @@ pub fn check(
     let on_pages = PAGE_TEXELS * n_texels * n_canvases as f64;
     let bytes_each = if palette.is_photographic(&SEEN) { JPEG_BYTES } else { PNG_BYTES };
     let cells = CELL_BYTES * n_in;
-    // Pages that are as dense as the images need no halves of these.
-    let share = if are_fewer { 1.0 } else { WITHOUT_HALVES };
+    // Pages that are as dense as the images need no halves of these; far fewer texels need halves alone, two points a side.
+    let halvings = (0.5 * (n_wanted / n_texels).log2() - 1.0).round().clamp(0.0, 3.0);
+    let share = match n_wanted > n_texels {
+        true if palette.is_photographic(&SEEN) => 0.25f64.powf(halvings),
+        true => 1.0,
+        false => WITHOUT_HALVES,
+    };
     let decoded = (share * images.iter().sum::<u64>() as f64) as u64;
     let canvas = (BYTES_PER_TEXEL * on_pages / n_canvases.max(1) as f64) as u64;
     let is_held = canvas <= free / CANVAS_SHARE;
@@ -164,8 +169,8 @@ pub fn check(
 /// Texels of a surface on its pages.
 struct Texels {
     n: f64,
-    /// True if pages do not hold all that the images have.
-    are_fewer: bool,
+    /// Those of pages that hold all that the images have.
+    n_wanted: f64,
 }
 
 /// Texels of the surface, about: those that coordinates reach in the images, as far as pages hold them.
@@ -192,7 +197,7 @@ fn texels(original: &MeshSource, palette: &Palette, options: &Options) -> Result
     let room = options.most_pages.map_or(f64::INFINITY, |most| {
         f64::from(most) * f64::from(options.page_size).powi(2) / PAGE_TEXELS
     });
-    Ok(Texels { n: n.min(room), are_fewer: n > room })
+    Ok(Texels { n: n.min(room), n_wanted: n })
 }
 
 /// Bytes for the places that cells of an original share, about: the rim of a square patch of a cell's triangles.

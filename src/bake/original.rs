@@ -2,7 +2,7 @@
 //!
 //! Finding the nearest place is in `nearest`.
 
-use super::density::{Densities, Density};
+use super::density::{Densities, Density, ImageDensities};
 use super::normals::{Border, Normals, border_sums, corner_tangents, mean_tangent};
 use super::settings::{Means, NormalSource, Options};
 use std::sync::{Mutex, PoisonError};
@@ -19,7 +19,7 @@ use stonecut_mesh::face_properties::FacePolicy;
 use stonecut_mesh::property::{Origin, Scalar, read_scalar};
 use stonecut_mesh::record::VertexSchema;
 use stonecut_mesh::vec3::dot;
-use stonecut_render::texture::{MapUse, Palette, Tangent};
+use stonecut_render::texture::{Palette, Tangent};
 use stonecut_store::cell_id::CellId;
 use stonecut_store::cells::{CellMesh, load_bytes};
 use stonecut_system::error::{Error, Result};
@@ -45,6 +45,8 @@ pub(super) struct Original {
     n_triangles: u64,
     /// Texels per unit of length of the images, by area; NaN without any.
     density: f64,
+    /// Densities of each image.
+    of_images: ImageDensities,
     /// Triangles whose coordinates are not numbers although their material has an image.
     n_lost: u64,
 }
@@ -200,6 +202,7 @@ impl Original {
             area: 0.0,
             n_triangles: 0,
             density: f64::NAN,
+            of_images: ImageDensities::default(),
             n_lost: 0,
         };
         original.survey(palette, means)?;
@@ -212,6 +215,7 @@ impl Original {
             boxes: Vec<Bounds>,
             area: Sum,
             densities: Densities,
+            of_images: ImageDensities,
             n_triangles: u64,
             n_lost: u64,
             border: Vec<([u64; 3], [i64; 3])>,
@@ -223,6 +227,7 @@ impl Original {
             boxes: vec![Bounds::EMPTY; n_cells],
             area: area_sum(),
             densities: Densities::new(diagonal),
+            of_images: ImageDensities::default(),
             n_triangles: 0,
             n_lost: 0,
             border: Vec::new(),
@@ -236,16 +241,26 @@ impl Original {
                 if is_computed { border_sums(&cell.mesh, &cell.shared) } else { Vec::new() };
             let mesh = cell.mesh;
             let (mut sum, mut densities, mut n_lost) = (area_sum(), Densities::new(diagonal), 0);
+            let mut of_images = ImageDensities::default();
             for (t, &material) in material.iter().enumerate() {
                 let area = triangle::area(&mesh.corners(t));
                 sum.add(area);
-                let Some(map) = map_of(palette, material) else { continue };
+                let Some(paint) = palette.paints.get(material as usize) else { continue };
+                let Some(map) = paint.densest() else { continue };
                 let corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
                 let uv = self.corner_uv(&mesh, t);
                 let is_known =
                     corners.iter().all(|&weights| map.leads_to_texels(uv_at(uv, weights)));
-                let per_unit = f64::from(self.per_unit(&mesh, t)) * map.texels_per_coordinate;
-                if is_known { densities.add(area, per_unit) } else { n_lost += 1 }
+                if !is_known {
+                    n_lost += 1;
+                    continue;
+                }
+                let per_unit = f64::from(self.per_unit(&mesh, t));
+                densities.add(area, per_unit * map.texels_per_coordinate);
+                for map in paint.maps() {
+                    let per_unit = per_unit * map.texels_per_coordinate;
+                    of_images.add(map.image, (area, diagonal * diagonal), per_unit);
+                }
             }
             let mut look = look.lock().unwrap_or_else(PoisonError::into_inner);
             look.boxes[number] = Bounds::of(&mesh);
@@ -253,6 +268,7 @@ impl Original {
             look.n_lost += n_lost;
             look.area.merge(&sum);
             look.densities.merge(&densities);
+            look.of_images.merge(of_images);
             look.border.extend(border);
             Ok(())
         })?;
@@ -261,6 +277,7 @@ impl Original {
         (self.n_triangles, self.n_lost) = (look.n_triangles, look.n_lost);
         self.area = look.area.value();
         self.density = look.densities.mean(palette.n_pixels());
+        self.of_images = look.of_images;
         if is_computed {
             self.normals = Normals::Computed(Border::of(look.border));
         }
@@ -281,6 +298,11 @@ impl Original {
     /// Texels per unit of length of the original's images, by area.
     pub fn density_of_images(&self) -> Option<f64> {
         Some(self.density).filter(|x| x.is_finite() && *x > 0.0)
+    }
+
+    /// Halvings of an image with which nearly all of it is looked up at least, where `n` points a unit of length look.
+    pub fn halvings(&self, image: usize, n: f64) -> u32 {
+        self.of_images.halvings(image, n)
     }
 
     /// Missing, damaged and lost parts.
@@ -421,11 +443,6 @@ impl Original {
     pub fn has_looks(&self) -> bool {
         self.has_colours() || self.texture.is_some()
     }
-}
-
-/// The densest image of a material.
-fn map_of(palette: &Palette, material: u32) -> Option<&MapUse> {
-    palette.paints.get(material as usize)?.densest()
 }
 
 /// Texture coordinates at a point of a triangle with those of its corners; NaN without any.

@@ -22,7 +22,7 @@ const BYTES: usize = 4;
 const EMPTY: [u8; BYTES] = [0; BYTES];
 
 /// Rows that are made at a time.
-const BAND_ROWS: u32 = 64;
+const BAND_ROWS: u32 = 128;
 
 /// Steps by which colours grow: one more than the charts are apart from the middle between them.
 const GROWTH: u32 = PADDING + 1;
@@ -115,7 +115,7 @@ impl Canvas {
     /// Makes images of all pages, durably, once for each of the `kinds` with the names of their files; returns them and the
     /// number of texels that charts cover.
     ///
-    /// What lies far from all charts has the colour `rest`, or the mean. Memory: 100 rows of a page a thread.
+    /// What lies far from all charts has the colour `rest`, or the mean. Memory: 160 rows of a page a thread.
     pub fn finish(
         self,
         kinds: &[(PageKind, String)],
@@ -240,9 +240,9 @@ impl Rows<'_> {
         let mut pixels = self.canvas.read(self.page, first - above, first + BAND_ROWS + GROWTH)?;
         grow(&mut pixels, width, GROWTH);
         let n = (self.size()[1] - first).min(BAND_ROWS) as usize * width;
-        let skipped = above as usize * width;
-        let mut band = pixels[skipped..skipped + n].to_vec();
-        for pixel in &mut band {
+        pixels.drain(..above as usize * width);
+        pixels.truncate(n);
+        for pixel in &mut pixels {
             if *pixel == EMPTY {
                 *pixel = self.mean;
             } else if pixel[3] == 0 {
@@ -250,9 +250,9 @@ impl Rows<'_> {
             }
         }
         if let Some(progress) = self.progress {
-            progress.add(band.len() as u64);
+            progress.add(pixels.len() as u64);
         }
-        Ok(band)
+        Ok(pixels)
     }
 
     fn write(&self, kind: PageKind, path: &Path, disk: &Disk) -> Result<DiskFile> {
@@ -398,13 +398,15 @@ impl jpeg_encoder::ImageBuffer for &JpegRows<'_> {
             }
         }
         let from = (u32::from(y) - first) as usize * width;
+        if held.failed.is_some() {
+            held.pixels.resize(from + width, EMPTY);
+        }
+        let row = &held.pixels[from..from + width];
         if let Some(k) = self.channel {
-            let row = (0..width).map(|x| held.pixels.get(from + x).map_or(0, |pixel| pixel[k]));
-            buffers[0].extend(row);
+            buffers[0].extend(row.iter().map(|pixel| pixel[k]));
             return;
         }
-        for x in 0..width {
-            let [r, g, b, _] = held.pixels.get(from + x).copied().unwrap_or(EMPTY);
+        for &[r, g, b, _] in row {
             let (luma, blue, red) = jpeg_encoder::rgb_to_ycbcr(r, g, b);
             buffers[0].push(luma);
             buffers[1].push(blue);
@@ -415,31 +417,61 @@ impl jpeg_encoder::ImageBuffer for &JpegRows<'_> {
 
 /// Lets colours grow into empty texels, `steps` times by one texel: the mean of the neighbours that have a colour.
 fn grow(pixels: &mut [[u8; 4]], width: usize, steps: u32) {
-    let height = pixels.len() / width.max(1);
-    let around = |at: usize| {
-        let (x, y) = (at % width, at / width);
-        let columns = x.saturating_sub(1)..(x + 2).min(width);
-        let rows = y.saturating_sub(1)..(y + 2).min(height);
-        rows.flat_map(move |y| columns.clone().map(move |x| y * width + x))
-    };
-    let is_border = |pixels: &[[u8; 4]], at: usize| {
-        pixels[at] == EMPTY && around(at).any(|other| pixels[other] != EMPTY)
-    };
-    let mut border: Vec<u32> =
-        (0..pixels.len()).filter(|&at| is_border(pixels, at)).map(|at| at as u32).collect();
-    let mut grown = Vec::new();
+    const HAS_NONE: u8 = 0;
+    const HAS_COLOUR: u8 = 1;
+    // Gets its colour in the next step; also a frame around all, which never gets one, so that no step looks for the ends of rows.
+    const GROWS: u8 = 2;
+    let framed = width + 2;
+    let mut state = vec![GROWS; framed];
+    for row in pixels.chunks_exact(width.max(1)) {
+        state.push(GROWS);
+        state.extend(row.iter().map(|&pixel| u8::from(pixel != EMPTY)));
+        state.push(GROWS);
+    }
+    state.resize(state.len() + framed, GROWS);
+    // Places of texels that grow, among the pixels and among the states.
+    let mut border: Vec<(u32, u32)> = Vec::new();
+    let mut near = vec![0; framed];
+    for y in 0..pixels.len() / width.max(1) {
+        let (above, rest) = state[y * framed..(y + 3) * framed].split_at_mut(framed);
+        let (own, below) = rest.split_at_mut(framed);
+        for (near, ((above, own), below)) in
+            near.iter_mut().zip(above.iter().zip(&*own).zip(below.iter()))
+        {
+            *near = (*above | *own | *below) & HAS_COLOUR;
+        }
+        for (x, near) in near.windows(3).enumerate() {
+            if own[x + 1] == HAS_NONE && near[0] | near[1] | near[2] != 0 {
+                own[x + 1] = GROWS;
+                border.push(((y * width + x) as u32, ((y + 1) * framed + x + 1) as u32));
+            }
+        }
+    }
+    let (mut grown, mut next) = (Vec::new(), Vec::new());
+    // Steps to the nine places around one, from the first of them.
+    let around = |width: usize| [0, 1, 2].map(|y| [0, 1, 2].map(|x| y * width + x));
+    let (in_pixels, in_states) = (around(width), around(framed));
     for _ in 0..steps {
         grown.clear();
-        for &at in &border {
+        next.clear();
+        for &(at, place) in &border {
+            let first = place as usize - framed - 1;
             let mut sums = [0u32; 5];
-            for other in around(at as usize) {
-                let pixel = pixels[other];
-                if pixel != EMPTY {
-                    // What cannot be seen has no colour.
-                    let weight = u32::from(pixel[3]);
-                    (0..3).for_each(|k| sums[k] += weight * u32::from(pixel[k]));
-                    sums[3] += weight;
-                    sums[4] += 1;
+            for (step, to) in in_states.as_flattened().iter().zip(in_pixels.as_flattened()) {
+                match state[first + step] {
+                    HAS_COLOUR => {
+                        let pixel = pixels[at as usize + to - width - 1];
+                        // What cannot be seen has no colour.
+                        let weight = u32::from(pixel[3]);
+                        (0..3).for_each(|k| sums[k] += weight * u32::from(pixel[k]));
+                        sums[3] += weight;
+                        sums[4] += 1;
+                    }
+                    HAS_NONE => {
+                        state[first + step] = GROWS;
+                        next.push(((at as usize + to - width - 1) as u32, (first + step) as u32));
+                    }
+                    _ => {}
                 }
             }
             let colour = |k: usize| ((sums[k] + sums[3] / 2) / sums[3].max(1)) as u8;
@@ -447,16 +479,10 @@ fn grow(pixels: &mut [[u8; 4]], width: usize, steps: u32) {
             let pixel = [colour(0), colour(1), colour(2), opacity];
             grown.push(if opacity == 0 { [0, 0, 1, 0] } else { pixel });
         }
-        border.iter().zip(&grown).for_each(|(&at, &pixel)| pixels[at as usize] = pixel);
-        let mut next: Vec<u32> = border
-            .iter()
-            .flat_map(|&at| around(at as usize))
-            .filter(|&at| pixels[at] == EMPTY)
-            .map(|at| at as u32)
-            .collect();
-        next.sort_unstable();
-        next.dedup();
-        border = next;
+        for (&(at, place), &pixel) in border.iter().zip(&grown) {
+            (pixels[at as usize], state[place as usize]) = (pixel, HAS_COLOUR);
+        }
+        std::mem::swap(&mut border, &mut next);
     }
 }
 

@@ -7,7 +7,7 @@
 
 use super::charts::Charts;
 use super::directions::{Direction, Frames, mean_directions};
-use super::grid::{area, each_point};
+use super::grid::{area, each_cell, each_point};
 use super::nearest::{CellCache, Seekers};
 use super::original::{Hit, Original};
 use super::pages::{Canvas, Texel};
@@ -484,17 +484,8 @@ fn plain_lights(scene: &Scene, hits: &[Hit], lights: &mut Vec<Light>) {
 /// Makes the texels that points lie in; `pixel` gets the numbers of the points of each.
 fn of_texels(points: &[Point], out: &mut Vec<Texel>, mut pixel: impl FnMut(&[u32]) -> [u8; 4]) {
     out.clear();
-    // Row, column (at most 2^14 each) and number in one word sort several times as fast as three.
-    let key =
-        |(i, point): (u64, &Point)| u64::from(point.row) << 46 | u64::from(point.column) << 32 | i;
-    let mut order: Vec<u64> = (0..).zip(points).map(key).collect();
-    // Points of a triangle are in order already: such runs are merged.
-    order.sort();
-    let mut same: Vec<u32> = Vec::new();
-    for keys in order.chunk_by(|a, b| a >> 32 == b >> 32) {
-        same.clear();
-        same.extend(keys.iter().map(|&key| key as u32));
-        let Point { row, column, .. } = points[same[0] as usize];
-        out.push(Texel { row, column, pixel: pixel(&same) });
-    }
+    let cell = |i: usize| [points[i].row, points[i].column];
+    each_cell(points.len(), cell, |[row, column], same| {
+        out.push(Texel { row, column, pixel: pixel(same) });
+    });
 }

@@ -224,6 +224,8 @@ impl TilePainter<'_> {
         side: u32,
     ) -> Result<Vec<TilePicture>> {
         let Means { threads, progress, .. } = self.means;
+        let n = f64::from(side) * texels_per_unit;
+        self.images.halve(|image| self.from.original.halvings(image, n));
         let mut pages: Vec<Projected> = Vec::with_capacity(tiles.len());
         in_order(
             tiles.len() as u64,

@@ -494,3 +494,29 @@ fn colours_of_vertices_are_baked() {
     let has = |semantic| primitive.get(&semantic).is_some();
     assert!(has(gltf::Semantic::TexCoords(0)) && !has(gltf::Semantic::Colors(0)));
 }
+
+/// Photographs with eight pixels for a texel of the page: decoded in a fraction of their size, they show the same colours,
+/// with any threads and memory.
+#[test]
+fn photographs_far_denser_than_the_pages_are_baked() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    let shade = |at: u32| (30 + 200 * at / 512) as u8;
+    let grain = |x: u32, y: u32| 100 + (x * y % 7) as u8;
+    let photograph =
+        RgbImage::from_fn(512, 512, |x, y| Rgb([shade(x), shade(511 - y), grain(x, y)]));
+    photograph.save(folder.join("image.jpg")).unwrap();
+    sheet(folder, |x, y| format!("{x} {y}"), "newmtl only\nKd 1 1 1\nmap_Kd image.jpg\n");
+    let simplify = |to: &str, how: &str| {
+        let what = "--triangles 60 --texture bake --bake-pages 1 --bake-size 64 -q";
+        expect(folder, &format!("simplify sheet.obj {to}.obj {what} {how}"), 0);
+        std::fs::read(folder.join(format!("{to}_textures/{to}_0.jpg"))).unwrap()
+    };
+    assert_eq!(simplify("one", "--threads 1 --memory 150MiB"), simplify("two", "--threads 3"));
+    let is_inside =
+        |([x, y, _], _): &([f64; 3], _)| [x, y].iter().all(|&at| (0.1..0.9).contains(at));
+    for ([x, y, _], [red, green, blue]) in colours(folder, "one").into_iter().filter(is_inside) {
+        let off = (red - 30.0 - 200.0 * x).abs().max((green - 30.0 - 200.0 * y).abs());
+        assert!(off.max((blue - 103.0).abs()) < 32.0, "{red} {green} {blue} at {x} {y}");
+    }
+}

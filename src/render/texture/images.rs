@@ -3,6 +3,7 @@
 //! An image comes with all its halves, so that no look-up skips texels. What cannot be decoded is noted and stays without
 //! an image. Does not know materials.
 
+use super::jpeg::possible_halvings;
 use super::light_table::{Light, LightTable, LightValues, pixel_of};
 use super::map_use::MapUse;
 use super::palette::{Palette, Picture, image_bytes};
@@ -19,6 +20,8 @@ use stonecut_system::progress::Progress;
 
 /// A decoded image: sRGB and opacity, in its size, and in the halves of it that anything was looked up in.
 pub struct Decoded {
+    /// Halvings of the image before the first of the levels.
+    n_left_out: usize,
     levels: Vec<OnceLock<ImageLevel>>,
     /// True if any of its pixels is not opaque.
     has_opacity: bool,
@@ -33,8 +36,8 @@ struct ImageLevel {
 const KTX2_MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
 
 impl Decoded {
-    /// Decodes a picture; the error says in words why that is not possible.
-    fn new(picture: &Picture) -> Result<Decoded, String> {
+    /// Decodes a picture, after as many halvings as cost no time; the error says in words why that is not possible.
+    fn new(picture: &Picture, halvings: u32) -> Result<Decoded, String> {
         let mut bytes = Vec::new();
         let read = copy_bytes(&picture.data, |part| {
             bytes.reserve_exact(part.len());
@@ -42,11 +45,21 @@ impl Decoded {
             Ok(())
         });
         read.map_err(|error| error.to_string())?;
-        let mut pixels = pixels_of(&bytes, picture.size)?;
+        let small = (halvings > 0)
+            .then(|| super::jpeg::pixels_of(&bytes, picture.size, halvings))
+            .flatten();
+        let mut level = match small {
+            Some(pixels) => ImageLevel { size: picture.size.map(|side| side >> halvings), pixels },
+            None => {
+                let table = if picture.is_plain { LightTable::plain() } else { LightTable::new() };
+                let whole = pixels_of(&bytes, picture.size)?;
+                (0..halvings).fold(whole, |level, _| level.half(&table))
+            }
+        };
         if picture.is_opaque {
-            pixels.pixels.iter_mut().for_each(|pixel| pixel[3] = 255);
+            level.pixels.iter_mut().for_each(|pixel| pixel[3] = 255);
         }
-        Ok(Decoded::of_level(pixels))
+        Ok(Decoded { n_left_out: halvings as usize, ..Decoded::of_level(level) })
     }
 
     /// Decodes the file of an image whose head names `size`; the error says in words why that is not possible.
@@ -60,13 +73,16 @@ impl Decoded {
         let n_levels = 1 + size[0].max(size[1]).max(1).ilog2() as usize;
         let mut levels = vec![OnceLock::from(first)];
         levels.resize_with(n_levels, OnceLock::new);
-        Decoded { levels, has_opacity }
+        Decoded { n_left_out: 0, levels, has_opacity }
     }
 
     /// The image after some halvings, or as often as it can be halved; made when it is first asked for.
     fn level(&self, halvings: usize, table: &LightTable) -> &ImageLevel {
-        let at = halvings.min(self.levels.len() - 1);
-        self.levels[at].get_or_init(|| self.level(at - 1, table).half(table))
+        self.made(halvings.saturating_sub(self.n_left_out).min(self.levels.len() - 1), table)
+    }
+
+    fn made(&self, at: usize, table: &LightTable) -> &ImageLevel {
+        self.levels[at].get_or_init(|| self.made(at - 1, table).half(table))
     }
 
     /// Opacity that it stands for as an image of opacity, of a colour looked up in it: its own if any of its pixels is not
@@ -129,7 +145,7 @@ impl Decoded {
 
 /// Decodes the file of an image whose head names `size`; the error says in words why that is not possible.
 fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<ImageLevel, String> {
-    if let Some(pixels) = super::jpeg::pixels_of(bytes, size) {
+    if let Some(pixels) = super::jpeg::pixels_of(bytes, size, 0) {
         return Ok(ImageLevel { size, pixels });
     }
     if bytes.starts_with(KTX2_MAGIC) {
@@ -240,6 +256,8 @@ pub struct ImageCache<'a> {
     budget_bytes: u64,
     /// For a decoder at work, beside these.
     decoder_bytes: u64,
+    /// Halvings with which each image is decoded.
+    halvings: Vec<u32>,
     /// Of colours.
     pub table: LightTable,
     /// Of normal maps.
@@ -262,7 +280,22 @@ impl<'a> ImageCache<'a> {
         let (table, plain) = (LightTable::new(), LightTable::plain());
         let decoder_bytes = palette.decoder_bytes();
         let budget_bytes = budget_bytes.saturating_sub(decoder_bytes);
-        ImageCache { palette, budget_bytes, decoder_bytes, table, plain, held: Mutex::default() }
+        let (halvings, held) = (vec![0; palette.images.len()], Mutex::default());
+        ImageCache { palette, budget_bytes, decoder_bytes, halvings, table, plain, held }
+    }
+
+    /// Has each image decoded after its number of halvings from now on, as far as that takes no longer: those of JPEG.
+    pub fn halve(&mut self, halvings: impl Fn(usize) -> u32) {
+        let images = &mut self.held.get_mut().unwrap_or_else(PoisonError::into_inner).images;
+        for (number, own) in self.halvings.iter_mut().enumerate() {
+            let picture = self.palette.images[number].as_ref().filter(|picture| picture.is_jpeg);
+            let wanted = picture.map_or(0, |p| possible_halvings(p.size, halvings(number)));
+            let is_held = |(_, image): &(u64, Option<Arc<Decoded>>)| image.is_some();
+            if wanted != *own && images.get(&number).is_some_and(is_held) {
+                images.remove(&number);
+            }
+            *own = wanted;
+        }
     }
 
     /// Images that could not be decoded.
@@ -312,10 +345,12 @@ impl<'a> ImageCache<'a> {
         let n_decoders = 1 + free / self.decoder_bytes.max(1);
         let threads = threads.min(usize::try_from(n_decoders).unwrap_or(threads));
         let decode = |i: u64, out: &mut Option<Result<Decoded, String>>| {
-            let picture = self.picture(missing[i as usize]);
+            let number = missing[i as usize];
+            let picture = self.picture(number);
             let decoded = picture.map(|picture| {
                 // A decoder that panics is a damaged image, not a fault of the run.
-                guarded(|| Ok(Decoded::new(picture))).unwrap_or_else(|error| Err(error.to_string()))
+                guarded(|| Ok(Decoded::new(picture, self.halvings[number])))
+                    .unwrap_or_else(|error| Err(error.to_string()))
             });
             *out = decoded;
             Ok(())
@@ -370,7 +405,8 @@ impl<'a> ImageCache<'a> {
     }
 
     fn bytes(&self, number: usize) -> u64 {
-        self.picture(number).map_or(0, Picture::bytes)
+        let halved = |picture: &Picture| picture.size.map(|side| side >> self.halvings[number]);
+        self.picture(number).map_or(0, |picture| image_bytes(halved(picture)))
     }
 
     fn picture(&self, number: usize) -> Option<&Picture> {
@@ -493,7 +529,7 @@ mod tests {
             is_plain: false,
         };
         for (is_opaque, seen) in [(true, [200, 40, 0, 255]), (false, [0; 4])] {
-            let decoded = Decoded::new(&picture(is_opaque)).unwrap();
+            let decoded = Decoded::new(&picture(is_opaque), 0).unwrap();
             assert_eq!(decoded.levels.len(), 3);
             assert_eq!(decoded.level(2, &LightTable::new()).pixels, [seen]);
             assert_eq!(decoded.has_opacity, !is_opaque);

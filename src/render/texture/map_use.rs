@@ -93,11 +93,11 @@ impl MapUse {
         }
         let at = [uv[0], 1.0 - uv[1]];
         let at = [0, 1].map(|k| at[k] * f64::from(size[k]) - 0.5);
-        let low = at.map(f64::floor);
-        let texel = |k: usize, step: i64| {
-            self.wrap[k].texel(low[k] as i64 + step, i64::from(size[k].max(1)))
-        };
-        let share = [0, 1].map(|k| (at[k] - low[k]) as f32);
+        // The floor, which is a call where processors of all ages are built for.
+        let low = at.map(|x| x as i64 - i64::from((x as i64) as f64 > x));
+        let texel =
+            |k: usize, step: i64| self.wrap[k].texel(low[k] + step, i64::from(size[k].max(1)));
+        let share = [0, 1].map(|k| (at[k] - low[k] as f64) as f32);
         Some(([[texel(0, 0), texel(0, 1)], [texel(1, 0), texel(1, 1)]], share))
     }
 
