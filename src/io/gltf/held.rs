@@ -1,6 +1,6 @@
 //! Joins the vertices of a glTF mesh in memory: by a table of places.
 
-use super::join::{Open, VertexRow};
+use super::vertex_row::{Open, VertexRow};
 
 /// Bytes of a vertex in all, its places in the table and in the result included, and of a face.
 const VERTEX_BYTES: u64 = 176;
@@ -78,7 +78,8 @@ fn hash(key: &[u64; 5]) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use crate::gltf::join::{FaceParts, Joiner, VertexRow};
+    use crate::gltf::join::{FaceParts, Joiner};
+    use crate::gltf::vertex_row::VertexRow;
     use crate::open_options::StageOptions;
     use crate::ply::raw::RawFile;
 

@@ -6,21 +6,13 @@
 //! memory is joined there (`held`), to the same bytes.
 
 use super::held::Held;
+use super::vertex_row::{Open, VertexRow};
 use crate::external_sort::{ExternalSort, halves, whole};
 use crate::names::OBJECT;
 use crate::open_options::StageOptions;
 use crate::ply::raw::{RawFile, Spool};
 use stonecut_mesh::property::Scalar;
 use stonecut_system::error::Result;
-
-/// A vertex of the input in its place.
-#[derive(Clone, Copy)]
-pub(super) struct VertexRow {
-    pub(super) position: [f64; 3],
-    pub(super) colour: [u8; 4],
-    pub(super) normal: [f32; 3],
-    pub(super) uv: [f32; 2],
-}
 
 /// Words of a vertex by place: position, colour, texture coordinates, number, normal. Those of one by its first: two
 /// numbers, normal, position, colour.
@@ -329,30 +321,10 @@ impl Words<'_> {
     }
 }
 
-/// A joined vertex that gathers the normals of those in its place.
-pub(super) struct Open {
-    first: u64,
-    position: [f64; 3],
-    colour: [u8; 4],
-    normal: [f64; 3],
-}
-
 impl Open {
     fn new(first: u64, record: &[u32; BY_FIRST]) -> Open {
         let position = [7, 9, 11].map(|i| f64::from_bits(whole(record[i], record[i + 1])));
         Open { first, position, colour: record[13].to_le_bytes(), normal: [0.0; 3] }
-    }
-
-    /// The vertex of this number, the first in its place.
-    pub(super) fn of(first: u64, row: &VertexRow) -> Open {
-        let position = row.position.map(|x| x + 0.0);
-        Open { first, position, colour: row.colour, normal: [0.0; 3] }
-    }
-
-    pub(super) fn add(&mut self, normal: [u32; 3]) {
-        for (sum, bits) in self.normal.iter_mut().zip(normal) {
-            *sum += f64::from(f32::from_bits(bits));
-        }
     }
 
     fn row(&self, extras: &Extras) -> Vec<u8> {

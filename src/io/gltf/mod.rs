@@ -24,6 +24,7 @@ mod tile_in;
 mod tile_out;
 mod tile_scalars;
 mod totals;
+mod vertex_row;
 mod weigh;
 mod writer;
 
