@@ -327,21 +327,9 @@ mod tests {
     #[test]
     fn no_spelling_leads_out_of_the_folder() {
         let root = Path::new("/srv/tiles");
-        for url in [
-            "/../x",
-            "/a/../../x",
-            "/%2e%2e/x",
-            "/%2E%2e%2fx",
-            "/..%2fx",
-            "/a%2f..%2f..%2fx",
-            "/..\\x",
-            "/%5c..%5cx",
-            "/a%00b",
-            "http://host/x",
-            "x",
-            "/./x",
-            "/%ff",
-        ] {
+        let all = "/../x /a/../../x /%2e%2e/x /%2E%2e%2fx /..%2fx /a%2f..%2f..%2fx /..\\x /%5c..%5cx \
+             /a%00b http://host/x x /./x /%ff";
+        for url in all.split(' ') {
             assert_eq!(path_of(root, url), None, "{url}");
         }
         for (url, path) in [

@@ -18,12 +18,12 @@ const TYPES: [(&str, usize); 10] = [
     ("double", 8),
 ];
 
-fn bytes_of(kind: &str) -> usize {
+pub(crate) fn bytes_of(kind: &str) -> usize {
     TYPES.iter().find(|(name, _)| *name == kind).unwrap().1
 }
 
 /// Appends a number; integers wrap around, so that negative ones can be given for unsigned types.
-fn put(kind: &str, value: f64, out: &mut Vec<u8>) {
+pub(crate) fn put(kind: &str, value: f64, out: &mut Vec<u8>) {
     match kind {
         "float" => out.extend((value as f32).to_le_bytes()),
         "double" => out.extend(value.to_le_bytes()),
@@ -31,7 +31,7 @@ fn put(kind: &str, value: f64, out: &mut Vec<u8>) {
     }
 }
 
-fn number(kind: &str, bytes: &[u8]) -> f64 {
+pub(crate) fn number(kind: &str, bytes: &[u8]) -> f64 {
     let mut wide = [0; 8];
     wide[..bytes.len()].copy_from_slice(bytes);
     let raw = u64::from_le_bytes(wide);

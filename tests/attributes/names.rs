@@ -1,178 +1,62 @@
 //! Every property name that programs are known to write comes back, with its type and its meaning.
 
 use crate::common::{expect, scratch};
+use crate::faces::{bytes_of, number, put};
 use std::path::Path;
 
 /// Vertex properties of a program besides x, y and z, as in ../shared/PLY-DIALECTS.md.
-const DIALECTS: [(&str, &str, &[&str]); 12] = [
+const DIALECTS: [(&str, &str, &str); 12] = [
     (
         "PoissonRecon",
         "float",
-        &[
-            "float nx",
-            "float ny",
-            "float nz",
-            "float value",
-            "uchar red",
-            "uchar green",
-            "uchar blue",
-        ],
+        "float nx, float ny, float nz, float value, uchar red, uchar green, uchar blue",
     ),
     (
         "MeshLab",
         "double",
-        &[
-            "double nx",
-            "double ny",
-            "double nz",
-            "int flags",
-            "uchar red",
-            "uchar green",
-            "uchar blue",
-            "uchar alpha",
-            "double quality",
-            "float radius",
-            "float texture_u",
-            "float texture_v",
-            "float user",
-        ],
+        "double nx, double ny, double nz, int flags, uchar red, uchar green, uchar blue, \
+         uchar alpha, double quality, float radius, float texture_u, float texture_v, \
+         float user",
     ),
     (
         "CloudCompare",
         "double",
-        &[
-            "uchar red",
-            "uchar green",
-            "uchar blue",
-            "float nx",
-            "float ny",
-            "float nz",
-            "float scalar_Intensity",
-            "float scalar_Number_of_returns",
-        ],
+        "uchar red, uchar green, uchar blue, float nx, float ny, float nz, \
+         float scalar_Intensity, float scalar_Number_of_returns",
     ),
-    (
-        "Open3D",
-        "double",
-        &["double nx", "double ny", "double nz", "uchar red", "uchar green", "uchar blue"],
-    ),
-    ("RealityCapture", "float", &["uchar red", "uchar green", "uchar blue"]),
+    ("Open3D", "double", "double nx, double ny, double nz, uchar red, uchar green, uchar blue"),
+    ("RealityCapture", "float", "uchar red, uchar green, uchar blue"),
     (
         "Metashape",
         "float",
-        &[
-            "float nx",
-            "float ny",
-            "float nz",
-            "uchar red",
-            "uchar green",
-            "uchar blue",
-            "float confidence",
-        ],
+        "float nx, float ny, float nz, uchar red, uchar green, uchar blue, float confidence",
     ),
     (
         "Blender",
         "float",
-        &[
-            "float nx",
-            "float ny",
-            "float nz",
-            "float s",
-            "float t",
-            "uchar red",
-            "uchar green",
-            "uchar blue",
-            "uchar alpha",
-        ],
+        "float nx, float ny, float nz, float s, float t, uchar red, uchar green, uchar blue, uchar alpha",
     ),
     (
         "PCL",
         "float",
-        &[
-            "uchar red",
-            "uchar green",
-            "uchar blue",
-            "float nx",
-            "float ny",
-            "float nz",
-            "float curvature",
-        ],
+        "uchar red, uchar green, uchar blue, float nx, float ny, float nz, float curvature",
     ),
-    ("VTK", "float", &["uchar red", "uchar green", "uchar blue", "uchar alpha"]),
+    ("VTK", "float", "uchar red, uchar green, uchar blue, uchar alpha"),
     (
         "trimesh",
         "float",
-        &[
-            "float nx",
-            "float ny",
-            "float nz",
-            "uchar red",
-            "uchar green",
-            "uchar blue",
-            "uchar alpha",
-            "int64 id",
-            "uint64 time",
-        ],
+        "float nx, float ny, float nz, uchar red, uchar green, uchar blue, uchar alpha, \
+         int64 id, uint64 time",
     ),
-    ("Stanford zipper", "float", &["float confidence", "float intensity"]),
+    ("Stanford zipper", "float", "float confidence, float intensity"),
     (
         "others",
         "float",
-        &[
-            "ushort r",
-            "ushort g",
-            "ushort b",
-            "uchar diffuse_red",
-            "uchar diffuse_green",
-            "uchar diffuse_blue",
-            "float u",
-            "float v",
-            "short class",
-            "char sign",
-            "ushort count",
-            "uint label",
-        ],
+        "ushort r, ushort g, ushort b, uchar diffuse_red, uchar diffuse_green, \
+         uchar diffuse_blue, float u, float v, short class, char sign, ushort count, \
+         uint label",
     ),
 ];
-
-fn bytes_of(name: &str) -> usize {
-    match name {
-        "char" | "uchar" => 1,
-        "short" | "ushort" => 2,
-        "int" | "uint" | "float" => 4,
-        _ => 8,
-    }
-}
-
-fn put(kind: &str, value: f64, out: &mut Vec<u8>) {
-    match kind {
-        "char" => out.extend((value as i8).to_le_bytes()),
-        "uchar" => out.extend((value as u8).to_le_bytes()),
-        "short" => out.extend((value as i16).to_le_bytes()),
-        "ushort" => out.extend((value as u16).to_le_bytes()),
-        "int" => out.extend((value as i32).to_le_bytes()),
-        "uint" => out.extend((value as u32).to_le_bytes()),
-        "int64" => out.extend((value as i64).to_le_bytes()),
-        "uint64" => out.extend((value as u64).to_le_bytes()),
-        "float" => out.extend((value as f32).to_le_bytes()),
-        _ => out.extend(value.to_le_bytes()),
-    }
-}
-
-fn number(kind: &str, bytes: &[u8]) -> f64 {
-    match kind {
-        "char" => f64::from(bytes[0] as i8),
-        "uchar" => f64::from(bytes[0]),
-        "short" => f64::from(i16::from_le_bytes(bytes.try_into().unwrap())),
-        "ushort" => f64::from(u16::from_le_bytes(bytes.try_into().unwrap())),
-        "int" => f64::from(i32::from_le_bytes(bytes.try_into().unwrap())),
-        "uint" => f64::from(u32::from_le_bytes(bytes.try_into().unwrap())),
-        "int64" => i64::from_le_bytes(bytes.try_into().unwrap()) as f64,
-        "uint64" => u64::from_le_bytes(bytes.try_into().unwrap()) as f64,
-        "float" => f64::from(f32::from_le_bytes(bytes.try_into().unwrap())),
-        _ => f64::from_le_bytes(bytes.try_into().unwrap()),
-    }
-}
 
 /// What a property is at a place of the sheet: a constant for labels and normals, smooth for the rest.
 fn value(kind: &str, name: &str, x: f64) -> f64 {
@@ -227,7 +111,8 @@ fn write(path: &Path, coordinate: &str, properties: &[&str]) {
 fn every_property_of_every_program_comes_back() {
     let folder = &scratch();
     for (program, coordinate, properties) in DIALECTS {
-        write(&folder.join("in.ply"), coordinate, properties);
+        let properties: Vec<&str> = properties.split(", ").collect();
+        write(&folder.join("in.ply"), coordinate, &properties);
         for cells in ["1M", "1000"] {
             let options = format!("--triangles 300 --cell-triangles {cells} --force -q");
             expect(folder, &format!("simplify in.ply out.ply {options}"), 0);

@@ -144,18 +144,9 @@ fn nothing_outside_of_the_folder_is_served() {
     std::os::unix::fs::symlink("/etc", folder.join("etc")).unwrap();
     let served = serve(&folder);
     assert_eq!(served.ask("GET", "/within.txt", "").2, b"open");
-    for url in [
-        "/../secret.txt",
-        "/a/../../secret.txt",
-        "/%2e%2e/secret.txt",
-        "/..%2fsecret.txt",
-        "/a/%2e%2e%2f%2e%2e/secret.txt",
-        "/link.txt",
-        "/up/secret.txt",
-        "/etc/passwd",
-        "//etc/passwd",
-        "/%00",
-    ] {
+    let all = "/../secret.txt /a/../../secret.txt /%2e%2e/secret.txt /..%2fsecret.txt \
+         /a/%2e%2e%2f%2e%2e/secret.txt /link.txt /up/secret.txt /etc/passwd //etc/passwd /%00";
+    for url in all.split(' ') {
         let (code, head, body) = served.ask("GET", url, "");
         assert!(code >= 400, "{url}: {head}");
         assert!(!body.windows(6).any(|w| w == b"secret" || w == b"root:x"), "{url}");

@@ -110,8 +110,8 @@ fn strips_are_read_from_any_block() -> AnyResult {
         name: "strips",
         remarks: &[],
         elements: vec![
-            ("vertex", XYZ.to_vec(), rows(1000, &[])),
-            ("tristrips", vec!["list int int vertex_indices"], vec![vec![numbers]]),
+            places(1000),
+            element("tristrips", "list int int vertex_indices", vec![vec![numbers]]),
         ],
     };
     for format in ["ascii", "binary_big_endian"] {
@@ -150,10 +150,10 @@ fn polygons_are_read_from_any_block() -> AnyResult {
         name: "polygons",
         remarks: &[],
         elements: vec![
-            ("vertex", XYZ.to_vec(), rows(50_000, &[])),
-            (
+            places(50_000),
+            element(
                 "face",
-                vec!["list uchar int vertex_indices", "uchar red"],
+                "list uchar int vertex_indices, uchar red",
                 (0..n_rows).map(|i| vec![polygon(i), vec![1.0]]).collect(),
             ),
         ],
@@ -193,10 +193,10 @@ fn a_layout_that_only_looks_fixed_is_still_read() -> AnyResult {
         name: "nearly fixed",
         remarks: &[],
         elements: vec![
-            ("vertex", XYZ.to_vec(), rows(4, &[])),
-            (
+            places(4),
+            element(
                 "face",
-                vec!["list uchar int vertex_indices"],
+                "list uchar int vertex_indices",
                 (0..n_rows).map(|i| vec![polygon(i)]).collect(),
             ),
         ],
@@ -226,10 +226,10 @@ fn a_block_that_begins_between_two_rows_is_not_taken_for_triangles() -> AnyResul
         name: "looks fixed",
         remarks: &[],
         elements: vec![
-            ("vertex", XYZ.to_vec(), rows(4, &[])),
-            (
+            places(4),
+            element(
                 "face",
-                vec!["list uchar uchar vertex_indices"],
+                "list uchar uchar vertex_indices",
                 (0..n_rows).map(|i| vec![polygon(i)]).collect(),
             ),
         ],
@@ -315,10 +315,10 @@ fn points_without_faces_say_so() -> AnyResult {
         name: "range grid",
         remarks: &[],
         elements: vec![
-            ("vertex", XYZ.to_vec(), rows(4, &[])),
-            (
+            places(4),
+            element(
                 "range_grid",
-                vec!["list uchar int vertex_indices"],
+                "list uchar int vertex_indices",
                 vec![vec![vec![]], vec![vec![1.0]]],
             ),
         ],

@@ -1,6 +1,6 @@
 //! Names of objects and groups: with every face through every format that has names, and through a simplification.
 
-use crate::common::{expect, json, run, scratch};
+use crate::common::{expect, glb_json, json, run, scratch};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -119,7 +119,7 @@ fn names_survive_every_format_that_has_them_and_a_simplification() {
         }
         assert_eq!(faces_of_obj(&at.join("d.obj")).len(), 2 * SIDE * SIDE);
         // glTF: a mesh and a node for each name, a primitive in it for each material.
-        let document = document(&std::fs::read(at.join("f.glb")).unwrap());
+        let document = glb_json(&at.join("f.glb"));
         let name = |list: &str, i: usize| document[list][i]["name"].as_str().unwrap().to_owned();
         let nodes: Vec<_> = (0..3).map(|i| (name("nodes", i), name("meshes", i))).collect();
         let wanted = [("house one", "wall north"), ("house one", "roof"), ("tree", "tree")];
@@ -131,12 +131,6 @@ fn names_survive_every_format_that_has_them_and_a_simplification() {
         assert!(head.contains("comment ObjectName 1 o house one\ncomment ObjectName 1 g roof\n"));
         assert!(head.contains("property int objectnumber\n"), "{head}");
     }
-}
-
-/// The JSON of a GLB file.
-fn document(bytes: &[u8]) -> Value {
-    let n = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
-    serde_json::from_slice(&bytes[20..20 + n]).unwrap()
 }
 
 #[test]
@@ -194,7 +188,7 @@ fn a_single_name_stays_beside_the_same_mesh() {
         assert_eq!([&one[..place], &one[place + comment.len()..]].concat(), plain);
     }
     expect(at, "convert one.ply a.glb", 0);
-    let found = document(&std::fs::read(at.join("a.glb")).unwrap());
+    let found = glb_json(&at.join("a.glb"));
     assert_eq!(
         (&found["nodes"][0]["name"], &found["meshes"][0]["name"]),
         (&json!("Cube"), &json!("Cube"))

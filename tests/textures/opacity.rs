@@ -1,7 +1,7 @@
 //! Opacity of images: it counts where the material says so, and of glTF without `alphaMode` it does not.
 
 use super::bake::sheet;
-use crate::common::{expect, scratch};
+use crate::common::{expect, glb_json, scratch};
 use base64::Engine;
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use serde_json::{Value, json};
@@ -77,13 +77,6 @@ fn picture(folder: &Path, arguments: &str) -> RgbImage {
     image::open(folder.join("p.png")).unwrap().into_rgb8()
 }
 
-/// The JSON of a GLB file.
-fn document(path: &Path) -> Value {
-    let bytes = std::fs::read(path).unwrap();
-    let length = u32::from_le_bytes(*bytes[12..].first_chunk::<4>().unwrap()) as usize;
-    serde_json::from_slice(&bytes[20..20 + length]).unwrap()
-}
-
 #[test]
 fn opacity_means_nothing_in_gltf_that_does_not_name_it() {
     let folder = &scratch();
@@ -105,7 +98,7 @@ fn opaque_materials_are_written_as_such() {
     let folder = &scratch();
     two_quads(folder);
     expect(folder, "convert quads.gltf out.glb", 0);
-    let materials = document(&folder.join("out.glb"))["materials"].clone();
+    let materials = glb_json(&folder.join("out.glb"))["materials"].clone();
     let of = |name: &str| {
         let list = materials.as_array().unwrap();
         list.iter().find(|material| material["name"] == name).unwrap().clone()
@@ -127,9 +120,9 @@ fn a_new_texture_of_opaque_materials_is_opaque() {
     sheet(folder, |x, y| format!("{x} {y}"), "newmtl only\nKd 1 1 1\nmap_Kd clear.png\n");
     // Nothing is said of opacity there.
     expect(folder, "convert sheet.obj sheet.glb", 0);
-    assert_eq!(document(&folder.join("sheet.glb"))["materials"][0]["alphaMode"], Value::Null);
+    assert_eq!(glb_json(&folder.join("sheet.glb"))["materials"][0]["alphaMode"], Value::Null);
     expect(folder, "simplify sheet.glb out.glb --ratio 20% --texture bake -q", 0);
-    assert_eq!(document(&folder.join("out.glb"))["materials"][0]["alphaMode"], Value::Null);
+    assert_eq!(glb_json(&folder.join("out.glb"))["materials"][0]["alphaMode"], Value::Null);
     expect(folder, "simplify sheet.glb out.obj --ratio 20% --texture bake -q", 0);
     let page = image::open(folder.join("out_textures/out_0.png")).unwrap();
     assert!(!page.color().has_alpha(), "{:?}", page.color());

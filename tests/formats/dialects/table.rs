@@ -3,11 +3,14 @@
 /// One row of an element: for a list property its items, else one number.
 pub type Row = Vec<Vec<f64>>;
 
-/// A PLY file to be written in any encoding; property lines as in a header, without `property`.
+/// An element: its name, its properties as in a header, without `property`, and its rows.
+pub type Element = (&'static str, String, Vec<Row>);
+
+/// A PLY file to be written in any encoding.
 pub struct Dialect {
     pub name: &'static str,
     pub remarks: &'static [&'static str],
-    pub elements: Vec<(&'static str, Vec<&'static str>, Vec<Row>)>,
+    pub elements: Vec<Element>,
 }
 
 pub fn put(out: &mut Vec<u8>, kind: &str, value: f64, big: bool) {
@@ -41,7 +44,7 @@ impl Dialect {
         lines.extend(self.remarks.iter().map(|r| r.to_string()));
         for (name, properties, rows) in &self.elements {
             lines.push(format!("element {name} {}", rows.len()));
-            lines.extend(properties.iter().map(|p| format!("property {p}")));
+            lines.extend(properties.split(", ").map(|p| format!("property {p}")));
         }
         lines.push("end_header".to_owned());
         lines.push(String::new());
@@ -49,7 +52,7 @@ impl Dialect {
         let big = format == "binary_big_endian";
         for (_, properties, rows) in &self.elements {
             for row in rows {
-                for (property, values) in properties.iter().zip(row) {
+                for (property, values) in properties.split(", ").zip(row) {
                     let words: Vec<_> = property.split(' ').collect();
                     let (count, kind) = if words[0] == "list" {
                         (Some(words[1]), words[2])
@@ -87,11 +90,25 @@ pub fn rows(n: usize, extra: &[f64]) -> Vec<Row> {
     (0..n).map(row).collect()
 }
 
-pub const XYZ: [&str; 3] = ["float x", "float y", "float z"];
-pub const DOUBLE_XYZ: [&str; 3] = ["double x", "double y", "double z"];
+/// An element with properties in words, joined by commas.
+pub fn element(name: &'static str, properties: &str, rows: Vec<Row>) -> Element {
+    (name, properties.to_owned(), rows)
+}
 
-pub fn with(base: &[&'static str], more: &[&'static str]) -> Vec<&'static str> {
-    base.iter().chain(more).copied().collect()
+/// Four vertices with coordinates of a type and properties besides, each of one value.
+fn points(kind: &str, more: &str, values: &[f64]) -> Element {
+    let comma = if more.is_empty() { "" } else { ", " };
+    ("vertex", format!("{kind} x, {kind} y, {kind} z{comma}{more}"), rows(4, values))
+}
+
+/// `n` vertices with nothing but their places.
+pub fn places(n: usize) -> Element {
+    element("vertex", "float x, float y, float z", rows(n, &[]))
+}
+
+/// Both triangles as faces, with properties in words.
+fn faces(properties: &str) -> Element {
+    element("face", properties, two_triangles(&[], &[]))
 }
 
 pub fn two_triangles(before: &[f64], after: &[Vec<f64>]) -> Vec<Row> {
@@ -106,296 +123,226 @@ pub fn two_triangles(before: &[f64], after: &[Vec<f64>]) -> Vec<Row> {
         .collect()
 }
 
-/// A dialect of the two triangles (0, 1, 2) and (0, 2, 3).
+fn dialect(
+    name: &'static str,
+    remarks: &'static [&'static str],
+    elements: Vec<Element>,
+) -> Dialect {
+    Dialect { name, remarks, elements }
+}
+
+/// Dialects of the two triangles (0, 1, 2) and (0, 2, 3).
 pub fn table() -> Vec<Dialect> {
-    let plain = || two_triangles(&[], &[]);
-    let range = vec!["list uchar int vertex_indices"];
+    const INDICES: &str = "list uchar int vertex_indices";
+    const TEXTURE: &str = "list uchar float texcoord, int texnumber";
+    let range = || faces(INDICES);
+    let camera =
+        || element("camera", "float view_px, int viewportx", vec![vec![vec![0.5], vec![3.0]]]);
+    let weights =
+        |row: &Row, n: usize| vec![row[0].clone(), vec![1.5; n], row[1].clone(), row[2].clone()];
+    let with_lists = rows(4, &[]).into_iter().enumerate().map(|(i, row)| {
+        let mut row = weights(&row, i * 3 % 5);
+        row.push(vec![i as f64]);
+        row
+    });
+    let with_pairs = rows(4, &[]).into_iter().map(|row| [row, vec![vec![1.0, 2.0]]].concat());
+    let integers = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [5.0, 1.0, 1.0], [0.0, 0.0, 1.0]];
     vec![
-        Dialect {
-            name: "PoissonRecon",
-            remarks: &[],
-            elements: vec![
-                (
-                    "vertex",
-                    with(&XYZ, &["float value", "uchar red", "uchar green", "uchar blue"]),
-                    rows(4, &[7.5, 255.0, 128.0, 0.0]),
+        dialect(
+            "PoissonRecon",
+            &[],
+            vec![
+                points(
+                    "float",
+                    "float value, uchar red, uchar green, uchar blue",
+                    &[7.5, 255.0, 128.0, 0.0],
                 ),
-                ("face", vec!["list int int vertex_indices"], plain()),
+                faces("list int int vertex_indices"),
             ],
-        },
-        Dialect {
-            name: "PoissonRecon, 64-bit indices",
-            remarks: &[],
-            elements: vec![
-                ("vertex", XYZ.to_vec(), rows(4, &[])),
-                ("face", vec!["list int longlong vertex_indices"], plain()),
-            ],
-        },
-        Dialect {
-            name: "PoissonRecon, unsigned 64-bit indices",
-            remarks: &[],
-            elements: vec![
-                ("vertex", XYZ.to_vec(), rows(4, &[])),
-                ("face", vec!["list int ulonglong vertex_indices"], plain()),
-            ],
-        },
-        Dialect {
-            name: "MeshLab",
-            remarks: &["comment VCGLIB generated", "comment TextureFile skin.png"],
-            elements: vec![
-                (
-                    "camera",
-                    vec!["float view_px", "int viewportx"],
-                    vec![vec![vec![0.5], vec![3.0]]],
+        ),
+        dialect(
+            "PoissonRecon, 64-bit indices",
+            &[],
+            vec![places(4), faces("list int longlong vertex_indices")],
+        ),
+        dialect(
+            "PoissonRecon, unsigned 64-bit indices",
+            &[],
+            vec![places(4), faces("list int ulonglong vertex_indices")],
+        ),
+        dialect(
+            "MeshLab",
+            &["comment VCGLIB generated", "comment TextureFile skin.png"],
+            vec![
+                camera(),
+                points(
+                    "double",
+                    "float nx, float ny, float nz, int flags, uchar red, uchar green, uchar blue, uchar alpha, double quality",
+                    &[0.0, 0.0, 1.0, 0.0, 1.0, 2.0, 3.0, 255.0, 0.1],
                 ),
-                (
-                    "vertex",
-                    with(
-                        &DOUBLE_XYZ,
-                        &[
-                            "float nx",
-                            "float ny",
-                            "float nz",
-                            "int flags",
-                            "uchar red",
-                            "uchar green",
-                            "uchar blue",
-                            "uchar alpha",
-                            "double quality",
-                        ],
-                    ),
-                    rows(4, &[0.0, 0.0, 1.0, 0.0, 1.0, 2.0, 3.0, 255.0, 0.1]),
-                ),
-                (
+                element(
                     "face",
-                    vec![
-                        "list uchar int vertex_indices",
-                        "int flags",
-                        "list uchar float texcoord",
-                        "int texnumber",
-                    ],
+                    &format!("{INDICES}, int flags, {TEXTURE}"),
                     two_triangles(&[], &[vec![0.0], vec![0.0; 6], vec![0.0]]),
                 ),
-                ("edge", vec!["int vertex1", "int vertex2"], vec![vec![vec![0.0], vec![1.0]]]),
+                element("edge", "int vertex1, int vertex2", vec![vec![vec![0.0], vec![1.0]]]),
             ],
-        },
-        Dialect {
-            name: "MeshLab, lists at vertices",
-            remarks: &["comment VCGLIB generated"],
-            elements: vec![
-                (
+        ),
+        dialect(
+            "MeshLab, lists at vertices",
+            &["comment VCGLIB generated"],
+            vec![
+                element(
                     "vertex",
-                    vec!["float x", "list uchar float weights", "float y", "float z", "int id"],
-                    (0..4usize)
-                        .map(|i| {
-                            let p = rows(4, &[])[i].clone();
-                            let list = vec![1.5; i * 3 % 5];
-                            vec![p[0].clone(), list, p[1].clone(), p[2].clone(), vec![i as f64]]
-                        })
-                        .collect(),
+                    "float x, list uchar float weights, float y, float z, int id",
+                    with_lists.collect(),
                 ),
-                ("face", range.clone(), plain()),
+                range(),
             ],
-        },
-        Dialect {
-            name: "CloudCompare",
-            remarks: &["comment made", "obj_info Generated by CloudCompare!"],
-            elements: vec![
-                ("vertex", with(&DOUBLE_XYZ, &["float scalar_Dip"]), rows(4, &[30.0])),
-                ("face", range.clone(), plain()),
-            ],
-        },
-        Dialect {
-            name: "Open3D",
-            remarks: &["comment Created by Open3D"],
-            elements: vec![
-                (
-                    "vertex",
-                    with(&DOUBLE_XYZ, &["double nx", "double ny", "double nz", "uchar red"]),
-                    rows(4, &[0.0, 0.6, 0.8, 9.0]),
+        ),
+        dialect(
+            "CloudCompare",
+            &["comment made", "obj_info Generated by CloudCompare!"],
+            vec![points("double", "float scalar_Dip", &[30.0]), range()],
+        ),
+        dialect(
+            "Open3D",
+            &["comment Created by Open3D"],
+            vec![
+                points(
+                    "double",
+                    "double nx, double ny, double nz, uchar red",
+                    &[0.0, 0.6, 0.8, 9.0],
                 ),
-                ("face", vec!["list uchar uint vertex_indices"], plain()),
+                faces("list uchar uint vertex_indices"),
             ],
-        },
-        Dialect {
-            name: "RealityCapture",
-            remarks: &["comment Created in Reality Capture "],
-            elements: vec![
-                ("vertex", with(&XYZ, &["uchar red"]), rows(4, &[200.0])),
-                ("face", range.clone(), plain()),
-            ],
-        },
-        Dialect {
-            name: "Metashape",
-            remarks: &["comment TextureFile model.jpg"],
-            elements: vec![
-                (
-                    "vertex",
-                    with(&XYZ, &["float nx", "float ny", "float nz"]),
-                    rows(4, &[0.0, 0.0, 1.0]),
-                ),
-                (
+        ),
+        dialect(
+            "RealityCapture",
+            &["comment Created in Reality Capture "],
+            vec![points("float", "uchar red", &[200.0]), range()],
+        ),
+        dialect(
+            "Metashape",
+            &["comment TextureFile model.jpg"],
+            vec![
+                points("float", "float nx, float ny, float nz", &[0.0, 0.0, 1.0]),
+                element(
                     "face",
-                    vec![
-                        "list uchar int vertex_indices",
-                        "list uchar float texcoord",
-                        "int texnumber",
-                    ],
+                    &format!("{INDICES}, {TEXTURE}"),
                     two_triangles(&[], &[vec![0.5; 6], vec![0.0]]),
                 ),
             ],
-        },
-        Dialect {
-            name: "Blender",
-            remarks: &["comment Created in Blender version 4.2"],
-            elements: vec![
-                (
-                    "vertex",
-                    with(&XYZ, &["float s", "float t", "uchar alpha"]),
-                    rows(4, &[0.25, 0.5, 9.0]),
-                ),
-                (
+        ),
+        dialect(
+            "Blender",
+            &["comment Created in Blender version 4.2"],
+            vec![
+                points("float", "float s, float t, uchar alpha", &[0.25, 0.5, 9.0]),
+                element(
                     "face",
-                    vec!["list uchar uint vertex_indices"],
+                    "list uchar uint vertex_indices",
                     vec![vec![vec![0.0, 1.0, 2.0, 3.0]]],
                 ),
             ],
-        },
-        Dialect {
-            name: "PCL",
-            remarks: &["comment PCL generated"],
-            elements: vec![
-                ("vertex", with(&XYZ, &["uchar red", "float curvature"]), rows(4, &[1.0, 0.5])),
-                (
-                    "camera",
-                    vec!["float view_px", "int viewportx"],
-                    vec![vec![vec![0.5], vec![3.0]]],
-                ),
-                ("face", range.clone(), plain()),
-            ],
-        },
-        Dialect {
-            name: "VTK",
-            remarks: &[
-                "comment VTK generated PLY File",
-                "obj_info vtkPolyData points and polygons",
-            ],
-            elements: vec![
-                ("vertex", XYZ.to_vec(), rows(4, &[])),
-                (
+        ),
+        dialect(
+            "PCL",
+            &["comment PCL generated"],
+            vec![points("float", "uchar red, float curvature", &[1.0, 0.5]), camera(), range()],
+        ),
+        dialect(
+            "VTK",
+            &["comment VTK generated PLY File", "obj_info vtkPolyData points and polygons"],
+            vec![
+                places(4),
+                element(
                     "face",
-                    vec!["list uchar int vertex_indices", "uchar red", "uchar green", "uchar blue"],
+                    &format!("{INDICES}, uchar red, uchar green, uchar blue"),
                     two_triangles(&[], &[vec![1.0], vec![2.0], vec![3.0]]),
                 ),
             ],
-        },
-        Dialect {
-            name: "trimesh",
-            remarks: &["comment https://github.com/mikedh/trimesh"],
-            elements: vec![
-                (
-                    "vertex",
-                    with(&XYZ, &["uint64 label", "int64 other", "float16 weight"]),
-                    rows(4, &[9e15, -5.0, 0.5]),
-                ),
-                (
+        ),
+        dialect(
+            "trimesh",
+            &["comment https://github.com/mikedh/trimesh"],
+            vec![
+                points("float", "uint64 label, int64 other, float16 weight", &[9e15, -5.0, 0.5]),
+                element(
                     "face",
-                    vec!["int64 group", "list uchar int64 vertex_index"],
+                    "int64 group, list uchar int64 vertex_index",
                     two_triangles(&[4.0], &[]),
                 ),
             ],
-        },
-        Dialect {
-            name: "Stanford zipper",
-            remarks: &["comment zipper output"],
-            elements: vec![
-                (
-                    "vertex",
-                    with(&XYZ, &["float confidence", "float intensity"]),
-                    rows(4, &[0.9, 0.5]),
-                ),
-                ("face", range.clone(), plain()),
-            ],
-        },
-        Dialect {
-            name: "Stanford statues",
-            remarks: &["obj_info num_cols 512"],
-            elements: vec![
-                ("vertex", XYZ.to_vec(), rows(4, &[])),
-                (
+        ),
+        dialect(
+            "Stanford zipper",
+            &["comment zipper output"],
+            vec![points("float", "float confidence, float intensity", &[0.9, 0.5]), range()],
+        ),
+        dialect(
+            "Stanford statues",
+            &["obj_info num_cols 512"],
+            vec![
+                places(4),
+                element(
                     "tristrips",
-                    vec!["list int int vertex_indices"],
+                    "list int int vertex_indices",
                     vec![vec![vec![0.0, 1.0, 2.0, -1.0, -1.0, 0.0, 2.0, 3.0, -1.0]]],
                 ),
             ],
-        },
-        Dialect {
-            name: "strips of two triangles, every other reversed",
-            remarks: &[],
-            elements: vec![
-                ("vertex", XYZ.to_vec(), rows(4, &[])),
-                (
+        ),
+        dialect(
+            "strips of two triangles, every other reversed",
+            &[],
+            vec![
+                places(4),
+                element(
                     "tristrips",
-                    vec!["list int int vertex_indices"],
+                    "list int int vertex_indices",
                     vec![vec![vec![1.0, 2.0, 0.0, 3.0]]],
                 ),
             ],
-        },
-        Dialect {
-            name: "OpenMesh",
-            remarks: &[],
-            elements: vec![
-                (
+        ),
+        dialect(
+            "OpenMesh",
+            &[],
+            vec![
+                element(
                     "vertex",
-                    vec!["float32 x", "float32 y", "float32 z", "list uint8 float32 weights"],
-                    rows(4, &[])
-                        .into_iter()
-                        .map(|mut r| {
-                            r.push(vec![1.0, 2.0]);
-                            r
-                        })
-                        .collect(),
+                    "float32 x, float32 y, float32 z, list uint8 float32 weights",
+                    with_pairs.collect(),
                 ),
-                ("face", vec!["list uint8 int32 vertex_indices"], plain()),
+                faces("list uint8 int32 vertex_indices"),
             ],
-        },
-        Dialect {
-            name: "faces before vertices, unknown elements everywhere",
-            remarks: &[],
-            elements: vec![
-                (
-                    "odd",
-                    vec!["list ushort double a", "char b"],
-                    vec![vec![vec![1.0; 3], vec![1.0]]],
-                ),
-                ("face", range.clone(), plain()),
-                ("odd2", vec!["double b"], vec![vec![vec![1.0]], vec![vec![2.0]]]),
-                ("vertex", XYZ.to_vec(), rows(4, &[])),
-                ("odd3", vec!["list ushort double a"], vec![vec![vec![1.0; 7]]]),
+        ),
+        dialect(
+            "faces before vertices, unknown elements everywhere",
+            &[],
+            vec![
+                element("odd", "list ushort double a, char b", vec![vec![vec![1.0; 3], vec![1.0]]]),
+                range(),
+                element("odd2", "double b", vec![vec![vec![1.0]], vec![vec![2.0]]]),
+                places(4),
+                element("odd3", "list ushort double a", vec![vec![vec![1.0; 7]]]),
             ],
-        },
-        Dialect {
-            name: "padded counts, blank lines, trailing blanks",
-            remarks: &["", "comment x  ", "   "],
-            elements: vec![
-                ("vertex", XYZ.to_vec(), rows(4, &[])),
-                ("face", range.clone(), plain()),
-            ],
-        },
-        Dialect {
-            name: "integers as coordinates",
-            remarks: &[],
-            elements: vec![
-                (
+        ),
+        dialect(
+            "padded counts, blank lines, trailing blanks",
+            &["", "comment x  ", "   "],
+            vec![places(4), range()],
+        ),
+        dialect(
+            "integers as coordinates",
+            &[],
+            vec![
+                element(
                     "vertex",
-                    vec!["short z", "int x", "uchar y"],
-                    [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [5.0, 1.0, 1.0], [0.0, 0.0, 1.0]]
-                        .iter()
-                        .map(|p| p.iter().map(|&v| vec![v]).collect())
-                        .collect(),
+                    "short z, int x, uchar y",
+                    integers.map(|p| p.map(|v| vec![v]).to_vec()).to_vec(),
                 ),
-                ("face", range, plain()),
+                range(),
             ],
-        },
+        ),
     ]
 }

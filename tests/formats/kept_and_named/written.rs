@@ -32,38 +32,17 @@ pub(super) fn write_ply(folder: &Path) {
         obj_info scanner 7\n"
         .to_owned();
     text += &format!("element vertex {}\n", SIDE * SIDE);
-    for property in [
-        "double x",
-        "double y",
-        "double z",
-        "float nx",
-        "float ny",
-        "float nz",
-        "uchar red",
-        "uchar green",
-        "uchar blue",
-        "uchar alpha",
-        "float s",
-        "float t",
-        "int class",
-        "double quality",
-        "list uchar int rings",
-    ] {
+    let properties = "double x, double y, double z, float nx, float ny, float nz, uchar red, uchar green, \
+        uchar blue, uchar alpha, float s, float t, int class, double quality, \
+        list uchar int rings";
+    for property in properties.split(", ") {
         text += &format!("property {property}\n");
     }
     let n = squares().count();
     text += &format!("element face {n}\n");
-    for property in [
-        "list uchar int vertex_indices",
-        "list uchar float texcoord",
-        "int texnumber",
-        "uchar red",
-        "uchar green",
-        "uchar blue",
-        "int part",
-        "float score",
-        "list uchar int flags",
-    ] {
+    let properties = "list uchar int vertex_indices, list uchar float texcoord, int texnumber, uchar red, \
+        uchar green, uchar blue, int part, float score, list uchar int flags";
+    for property in properties.split(", ") {
         text += &format!("property {property}\n");
     }
     text += "element edge 1\nproperty int vertex1\nproperty int vertex2\nend_header\n";
