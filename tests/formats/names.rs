@@ -1,7 +1,7 @@
 //! Names of objects and groups: with every face through every format that has names, and through a simplification.
 
 use crate::common::{expect, glb_json, json, run, scratch};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
