@@ -3,6 +3,7 @@
 use crate::common::{check, count, expect, json, printed, scratch};
 use std::collections::BTreeMap;
 use std::path::Path;
+use stonecut::mesh::vec3::{length_sq, normal};
 
 /// The types of PLY with their sizes.
 const TYPES: [(&str, usize); 10] = [
@@ -152,10 +153,7 @@ fn read(path: &Path) -> Read {
 }
 
 fn area(points: &[[f64; 3]], t: [usize; 3]) -> f64 {
-    let [a, b, c] = t.map(|v| points[v]);
-    let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
-    let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-    0.5 * n.iter().map(|x| x * x).sum::<f64>().sqrt()
+    0.5 * length_sq(normal(t.map(|v| points[v]))).sqrt()
 }
 
 /// Ends of the edges between faces of different values in column `i`.

@@ -200,10 +200,8 @@ fn sphere(path: &Path) {
 fn area_normals(rows: &[Vec<f32>], faces: &[[usize; 3]]) -> Vec<[f64; 3]> {
     let mut sums = vec![[0.0; 3]; rows.len()];
     for t in faces {
-        let [a, b, c] = t.map(|v| [0, 1, 2].map(|k| f64::from(rows[v][k])));
-        let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
         let cross =
-            [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            stonecut::mesh::vec3::normal(t.map(|v| [0, 1, 2].map(|k| f64::from(rows[v][k]))));
         for &corner in t {
             (0..3).for_each(|k| sums[corner][k] += cross[k]);
         }

@@ -1,7 +1,5 @@
 //! `stonecut serve`: types, parts of files, and no way out of the folder.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
-
 use crate::common::start;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;

@@ -1,7 +1,6 @@
 //! A file after each row of the table of PLY dialects, in every encoding, and the rules for a reader.
 
-// Helpers of tests may fail a test; the lint knows only the tests themselves.
-#![allow(clippy::unwrap_used, clippy::type_complexity)]
+#![allow(clippy::type_complexity)]
 
 mod table;
 

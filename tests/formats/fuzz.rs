@@ -2,9 +2,6 @@
 //!
 //! `STONECUT_FUZZ=N` runs N executions a target, `STONECUT_FUZZ_SEED=S` others than the usual ones.
 
-// Helpers of tests may fail a test; the lint knows only the tests themselves.
-#![allow(clippy::unwrap_used)]
-
 #[path = "../../tools/fuzz/fuzz_targets/targets.rs"]
 mod targets;
 

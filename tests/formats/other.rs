@@ -1,7 +1,6 @@
 //! STL, OBJ, GLB, compressed input and `convert`.
 
-// Helpers of tests may fail a test; the lint knows only the tests themselves.
-#![allow(clippy::unwrap_used, clippy::type_complexity)]
+#![allow(clippy::type_complexity)]
 
 use std::io::Write;
 use std::path::Path;

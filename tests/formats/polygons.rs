@@ -1,11 +1,9 @@
 //! Polygons of more than three corners: their area, their corners, their borders, in every format that has them.
 
-// Helpers of tests may fail a test; the lint knows only the tests themselves.
-#![allow(clippy::unwrap_used)]
-
 use std::collections::BTreeMap;
 use stonecut::io::StageOptions;
 use stonecut::io::ply::{FaceBlock, MeshSource, VertexBlock};
+use stonecut::mesh::vec3::{length_sq, normal};
 
 type Point = [f64; 3];
 
@@ -25,11 +23,7 @@ fn triangles(name: &str, bytes: &[u8]) -> (Vec<[Point; 3]>, u64) {
 }
 
 fn area(triangles: &[[Point; 3]]) -> f64 {
-    let one = |[a, b, c]: &[Point; 3]| {
-        let [u, v] = [b, c].map(|p| [p[0] - a[0], p[1] - a[1], p[2] - a[2]]);
-        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-        n.map(|x| x * x).iter().sum::<f64>().sqrt() / 2.0
-    };
+    let one = |corners: &[Point; 3]| length_sq(normal(*corners)).sqrt() / 2.0;
     triangles.iter().map(one).sum()
 }
 

@@ -1,8 +1,5 @@
 //! Range grids: scans as rows and columns of posts, read as meshes.
 
-// Helpers of tests may fail a test; the lint knows only the tests themselves.
-#![allow(clippy::unwrap_used)]
-
 use crate::common::real_scan;
 use crate::dialects::read_all;
 use stonecut::io::StageOptions;

@@ -1,7 +1,6 @@
 //! Mesh files in and out, through the public interface only.
 
-// Helpers of tests may fail a test; the lint knows only the tests themselves.
-#![allow(clippy::unwrap_used, clippy::type_complexity)]
+#![allow(clippy::type_complexity)]
 
 use stonecut::io::ply::{
     BLOCK_ROWS, FaceBlock, MeshSource, OutputHeader, PlyWriter, ReadOptions, VertexBlock,

@@ -1,8 +1,5 @@
 //! Texts as programs write them: byte order marks, UTF-16, names of no-numbers, joined files, and what is not a mesh.
 
-// Helpers of tests may fail a test; the lint knows only the tests themselves.
-#![allow(clippy::unwrap_used)]
-
 use std::io::Write;
 use stonecut::io::StageOptions;
 use stonecut::io::ply::{FaceBlock, MeshSource, VertexBlock};

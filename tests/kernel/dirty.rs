@@ -1,7 +1,5 @@
 //! What the kernel does with meshes that are not clean, and how it stops.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::meshes::{self, bumps, halves, squares};
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,7 +1,5 @@
 //! On smooth closed meshes no triangle of the result faces against the original surface.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::meshes;
 use stonecut::Mesh;
 use stonecut::kernel::{Fit, Options, Placement, Stop, simplify_mesh};

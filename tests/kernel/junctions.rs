@@ -1,7 +1,5 @@
 //! Sheets that meet along a curve keep their common edges; what is too short for a curve comes apart.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 use crate::common::meshes::{halves, squares};
 use std::collections::BTreeMap;
 use stonecut::Mesh;

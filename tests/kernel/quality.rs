@@ -1,7 +1,5 @@
 //! Contract of the kernel over families of small meshes.
 
-#![allow(clippy::unwrap_used)] // A test fails by panicking.
-
 #[path = "reference/mod.rs"]
 mod reference;
 

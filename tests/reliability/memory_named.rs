@@ -1,6 +1,5 @@
 //! A refusal for want of memory names a size, and that size is enough: given back, it is not refused again.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // Figures.
 
 use crate::common::{expect, run, scratch, start};

@@ -1,7 +1,5 @@
 //! Meshes out of trees of tiles: closed where the input was, as fine as was asked for, the same whatever the machine.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
-
 use crate::common::{check, count, expect, json, scratch};
 use serde_json::Value;
 use std::path::Path;

@@ -1,7 +1,5 @@
 //! Properties of vertices as attributes of tiles: there and back, averaged and chosen, in the form that glTF allows.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
-
 use crate::common::{check, count, expect, json, scratch};
 use crate::tiles::{change, change_tile, expect_fault, files};
 use serde_json::{Value, json};

@@ -1,7 +1,5 @@
 //! Trees of tiles: whole, sound, the same whatever the machine; and a checker that finds what is wrong with one.
 
-#![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
-
 use crate::common::{check, count, expect, json, run, scratch, write_ply};
 use crate::errors::{level, sampled};
 use serde_json::{Value, json};
