@@ -187,14 +187,25 @@ fn solid_lines(changes: &BTreeMap<String, u64>) -> Vec<String> {
             of("holes_left_parts")
         )
     });
-    let sides = count("components_left_one_sided").map(|_| {
+    let cut = count("triangles_cut_out").map(|_| {
         format!(
-            "  orientation: {} triangles turned over, {} components have one side only",
+            "  cut out and closed: {} places where triangles met, {} holes, with {} triangles; {} triangles still meet others",
+            of("crossing_pairs_cut_out"),
+            of("holes_cut_out"),
+            of("triangles_cut_out"),
+            of("crossing_triangles_left")
+        )
+    });
+    let sides = count("components_left_one_sided").map(|_| {
+        let bodies = count("bodies_turned");
+        let bodies = bodies.map_or(String::new(), |n| format!(", {} bodies", show_count(n)));
+        format!(
+            "  orientation: {} triangles{bodies} turned over, {} components have one side only",
             of("triangles_turned"),
             of("components_left_one_sided")
         )
     });
-    holes.into_iter().chain(sides).collect()
+    holes.into_iter().chain(cut).chain(sides).collect()
 }
 
 fn component_line(sizes: &ComponentSizes) -> String {

@@ -16,8 +16,10 @@ use crate::simd::Simd;
 use crate::state::MeshState;
 use crate::state::validate::validate;
 use crate::statistics::{Simplified, Statistics};
+use crate::surface::class::Class;
 use stonecut_mesh::Mesh;
 use stonecut_mesh::orient::{Oriented, orient, orient_all};
+use stonecut_mesh::outward::turn_outward;
 
 /// Simplifies a mesh by edge collapse; vertices with `locked[v]` stay exactly where they are.
 ///
@@ -123,7 +125,7 @@ pub(crate) fn start(
         let is_single = |x: f64| f64::from(x as f32) == x;
         surface.rounds =
             surface.vertices.iter().all(|vertex| vertex.position.into_iter().all(is_single));
-        driver.crossings = Some(Box::new(Crossings::new(surface)));
+        driver.crossings = Some(Box::new(Crossings::new(surface, simd)));
     }
     driver
 }
@@ -214,7 +216,14 @@ pub(crate) fn finish(
     if let Some(history) = &mut history {
         history.end(surface);
     }
+    // The inside of a part of a surface is not known.
+    let is_whole = || surface.rings.iter().all(|ring| ring.class != Some(Class::Locked));
+    let turns = driver.changes.one_sided.is_some() && relief.is_empty() && is_whole();
     let (mut mesh, source) = driver.state.into_mesh();
+    if turns {
+        let (_, n_bodies) = turn_outward(&mut mesh);
+        statistics.changes.push(("bodies_turned", n_bodies));
+    }
     (mesh.relief, mesh.extremes) = (relief, extremes);
     let followed = followed.map_or(Vec::new(), |followed| followed.into_result(&source));
     Simplified { mesh, source, followed, history, statistics }

@@ -19,6 +19,7 @@ pub mod meeting;
 pub mod morton;
 pub mod oklab;
 pub mod orient;
+pub mod outward;
 pub mod patches;
 pub mod placing;
 pub mod property;

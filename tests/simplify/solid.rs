@@ -170,3 +170,52 @@ fn one_sided_components_are_counted() {
     let changes = simplify_mesh(mesh, &locked, &options).statistics.changes;
     assert!(changes.contains(&("components_left_one_sided", 1)), "{changes:?}");
 }
+
+#[test]
+fn what_meets_is_cut_out_and_closed() {
+    // A spike through the other side of the tube, and one through a hole there, so that its filling would meet it.
+    for has_hole in [false, true] {
+        let mut mesh = meshes::torus(60, 30, |_, _| 0.5);
+        let spike = (0..mesh.positions.len())
+            .max_by(|&a, &b| mesh.positions[a][0].total_cmp(&mesh.positions[b][0]))
+            .unwrap();
+        mesh.positions[spike][0] -= 1.2;
+        let tip = mesh.positions[spike];
+        let middle = [tip[0] + 0.2, tip[1], tip[2]];
+        let distance = |v: u32| {
+            (0..3).map(|k| (mesh.positions[v as usize][k] - middle[k]).powi(2)).sum::<f64>()
+        };
+        if has_hole {
+            let near: BTreeSet<u32> = (0..mesh.positions.len() as u32)
+                .filter(|&v| v as usize != spike && distance(v) < 0.02)
+                .collect();
+            assert!(near.len() > 1);
+            mesh.triangles.retain(|t| !t.iter().any(|v| near.contains(v)));
+        }
+        let (n_open, n_pairs) = faults(&mesh);
+        assert_eq!((n_open > 0, n_pairs > 0), (has_hole, !has_hole));
+        let locked = vec![false; mesh.positions.len()];
+        let options = Options {
+            stop: Stop::Triangles(3200),
+            close: f64::INFINITY,
+            no_self_intersections: true,
+            ..Options::default()
+        };
+        let done = simplify_mesh(mesh, &locked, &options);
+        assert_eq!(faults(&done.mesh), (0, 0), "{has_hole}");
+        let changes = &done.statistics.changes;
+        assert!(changes.contains(&("crossing_triangles_left", 0)), "{changes:?}");
+    }
+}
+
+#[test]
+fn bodies_inside_out_are_turned_and_counted() {
+    let mut mesh = meshes::torus(40, 20, |_, _| 0.5);
+    mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    assert!(volume(&mesh) < 0.0);
+    let locked = vec![false; mesh.positions.len()];
+    let options = Options { stop: Stop::Triangles(400), orient: true, ..Options::default() };
+    let done = simplify_mesh(mesh, &locked, &options);
+    assert!(volume(&done.mesh) > 0.0);
+    assert!(done.statistics.changes.contains(&("bodies_turned", 1)));
+}

@@ -4,6 +4,7 @@ use super::input::NONE;
 use super::tracker::Tracker;
 use crate::crossing::tree::{Hull, Tree};
 use crate::interrupt::Interrupt;
+use crate::simd::{Portable, Simd};
 use crate::surface::Surface;
 use crate::surface::class::Class;
 use crate::vertex::GONE;
@@ -47,14 +48,8 @@ impl Tracker {
         if small.is_empty() {
             return vanished;
         }
-        let mut others = Others { tree: Tree::new(self.centre), root, near: Vec::new() };
-        for triangle in &surface.triangles {
-            let hull = match triangle[0] {
-                GONE => Hull::EMPTY,
-                _ => others.tree.hull(&places(surface, *triangle)),
-            };
-            others.tree.push(hull);
-        }
+        let tree = Tree::of_surface(surface, self.centre, Simd::detect());
+        let mut others = Others { tree, root, near: Vec::new() };
         let mut found = Vec::new();
         for triangles in small {
             if interrupt.is_raised() {
@@ -148,7 +143,7 @@ impl Tracker {
             std::array::from_fn(|k| f64::from(point[k]) / self.scale + self.centre[k]);
         let reach = f64::from(room) / self.scale;
         let hull = others.tree.hull(&[place.map(|x| x - reach), place.map(|x| x + reach)]);
-        others.tree.touching(&hull, &mut others.near);
+        others.tree.touching::<Portable>(&hull, &mut others.near);
         let mut nearest = (reach * reach, GONE);
         for &t in &others.near {
             let triangle = surface.triangles[t as usize];

@@ -103,11 +103,12 @@ impl Collapser {
             Some(crossings) => {
                 let change = Change {
                     ids: &self.ids[..self.n],
+                    ends: [v0, v1],
                     around: (&self.b[..self.n_kept], &self.c[..self.n_kept]),
                     vertex: v1,
                     place: Collapser::place_of_survivor(surface, plan, &around),
                 };
-                if !crossings.admits(surface, &change) {
+                if !crossings.admits::<L>(surface, &change) {
                     return Err(Reject::SelfIntersection);
                 }
                 Some(crossings)
@@ -127,7 +128,8 @@ impl Collapser {
             tracker.carry_out(&self.ids[..self.n]);
         }
         if let Some(crossings) = crossings {
-            crossings.moved(&state.surface, &self.ids[..self.n]);
+            let (kept, gone) = self.ids[..self.n].split_at(self.n_kept);
+            crossings.changed(&state.surface, kept, gone);
         }
         Ok(())
     }

@@ -4,6 +4,7 @@
 //! come and go around it. Triangles that have it no longer go back to the tree of all others.
 
 use super::tree::{Hull, Tree};
+use crate::simd::Portable;
 use crate::surface::Surface;
 use crate::vertex::GONE;
 use std::collections::HashMap;
@@ -54,10 +55,13 @@ fn hull_of(tree: &Tree, bounds: &Bounds) -> Hull {
 impl Hubs {
     /// Finds the hubs of a surface; `space` gives boxes in space.
     pub(super) fn of(surface: &Surface, space: &Tree) -> Hubs {
+        let mut hubs = Hubs::default();
+        if surface.rings.iter().all(|ring| ring.len as usize <= steps::HUB) {
+            return hubs;
+        }
         let mut n_around = vec![0u32; surface.vertices.len()];
         let alive = || surface.triangles.iter().zip(0u32..).filter(|(t, _)| t[0] != GONE);
         alive().flat_map(|(t, _)| t).for_each(|&v| n_around[v as usize] += 1);
-        let mut hubs = Hubs::default();
         let is_hub = |v: &&u32| n_around[**v as usize] as usize > steps::HUB;
         let mut of_hub: HashMap<u32, Vec<u32>> = HashMap::new();
         for (corners, t) in alive() {
@@ -91,9 +95,14 @@ impl Hubs {
         trees.sum::<u64>() + 24 * self.places.len() as u64
     }
 
-    /// True for a triangle of a hub.
-    pub(super) fn has(&self, t: u32) -> bool {
-        self.places.contains_key(&t)
+    /// True without hubs.
+    pub(super) fn are_none(&self) -> bool {
+        self.all.is_empty()
+    }
+
+    /// The triangles of hubs.
+    pub(super) fn triangles(&self) -> impl Iterator<Item = u32> {
+        self.places.keys().copied()
     }
 
     /// Takes over where a triangle of a hub is now; false if it is not of that hub any longer, or of none.
@@ -131,7 +140,7 @@ impl Hubs {
                 for (face, seen) in faces.iter().enumerate() {
                     let tree = &mut hub.faces[face];
                     let hull = hull_of(tree, seen);
-                    tree.touching(&hull, found);
+                    tree.touching::<Portable>(&hull, found);
                     count(found.len());
                     for &place in found.iter() {
                         let t = hub.triangles[place as usize];

@@ -2,6 +2,11 @@
 //!
 //! Triangles lie near each other in memory, so a row is a region. A box only grows until the tree is built again.
 
+use super::screen::{Around, eight};
+use crate::simd::unchecked::prefetch;
+use crate::simd::{Job, Lanes, Simd};
+use crate::surface::Surface;
+use crate::vertex::GONE;
 use stonecut_mesh::vec3::Vec3;
 
 /// Boxes side by side: as many as have one box in the level above.
@@ -62,18 +67,41 @@ impl Row {
         Hull { low: self.low.map(least), high: self.high.map(most) }
     }
 
+    /// The boxes of eight triangles by their corners.
+    #[inline(always)]
+    fn of<L: Lanes>(corners: &[[L; 3]]) -> Row {
+        let mut row = Row::EMPTY;
+        for k in 0..3 {
+            let (mut low, mut high) = (corners[0][k], corners[0][k]);
+            for corner in &corners[1..] {
+                (low, high) = (low.lesser(corner[k]), high.greater(corner[k]));
+            }
+            (row.low[k], row.high[k]) = (low.store(), high.store());
+        }
+        row
+    }
+
     /// A bit for each box that touches another.
     #[inline(always)]
-    fn touching(&self, hull: &Hull) -> u32 {
-        let mut touches = [1u32; ROW];
-        for k in 0..3 {
-            for (i, touches) in touches.iter_mut().enumerate() {
-                let below = self.low[k][i] <= hull.high[k];
-                let above = self.high[k][i] >= hull.low[k];
-                *touches &= u32::from(below) & u32::from(above);
-            }
-        }
-        touches.iter().enumerate().fold(0, |bits, (i, touches)| bits | touches << i)
+    fn touching<L: Lanes>(&self, hull: &Splat<L>) -> u32 {
+        let apart = (0..3).fold(0, |apart, k| {
+            let (low, high) = (L::load(&self.low[k]), L::load(&self.high[k]));
+            apart | hull.high[k].below(low) | high.below(hull.low[k])
+        });
+        !apart & 0xFF
+    }
+}
+
+/// A box eight times.
+struct Splat<L> {
+    low: [L; 3],
+    high: [L; 3],
+}
+
+impl<L: Lanes> Splat<L> {
+    #[inline(always)]
+    fn of(hull: &Hull) -> Self {
+        Splat { low: hull.low.map(L::splat), high: hull.high.map(L::splat) }
     }
 }
 
@@ -98,11 +126,85 @@ impl Hulls {
         all
     }
 
+    /// Takes the boxes of triangles around a place, relative to `centre`; gives back the box of all.
+    #[inline(always)]
+    pub(super) fn take_around<L: Lanes>(
+        &mut self,
+        (surface, centre): (&Surface, &Vec3),
+        around: &Around,
+        place: &Vec3,
+    ) -> Hull {
+        self.0.clear();
+        let place: [L; 3] = [0, 1, 2].map(|k| L::splat((place[k] - centre[k]) as f32));
+        let (mut low, mut high) = (place, place);
+        for (b, c) in around.eights() {
+            let of = |ids| L::relative(eight(surface, ids), [centre; 8], 1.0);
+            let row = Row::of(&[place, of(b), of(c)]);
+            for k in 0..3 {
+                low[k] = low[k].lesser(L::load(&row.low[k]));
+                high[k] = high[k].greater(L::load(&row.high[k]));
+            }
+            self.0.push(row);
+        }
+        let most = |x: L| -L::splat(0.0).minus(x).least();
+        Hull { low: low.map(L::least), high: high.map(most) }
+    }
+
+    /// The number of boxes, the last ones of a row included.
+    pub(super) fn len(&self) -> usize {
+        ROW * self.0.len()
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.0.clear();
+    }
+
+    /// A box.
+    pub(super) fn get(&self, i: usize) -> Hull {
+        self.0[i / ROW].get(i % ROW)
+    }
+
+    /// Bits of the first 32 that touch a box.
+    #[inline(always)]
+    pub(super) fn bits<L: Lanes>(&self, hull: &Hull) -> u32 {
+        let hull = Splat::<L>::of(hull);
+        let rows = self.0.iter().take(4).enumerate();
+        rows.fold(0, |bits, (i, row)| bits | row.touching(&hull) << (ROW * i))
+    }
+
     /// The numbers of those that touch a box.
     #[inline(always)]
-    pub(super) fn touching(&self, hull: &Hull) -> impl Iterator<Item = usize> {
+    pub(super) fn touching<L: Lanes>(&self, hull: &Hull) -> impl Iterator<Item = usize> {
+        let hull = Splat::<L>::of(hull);
         let rows = self.0.iter().enumerate();
-        rows.flat_map(move |(row, boxes)| bits(boxes.touching(hull)).map(move |i| row * ROW + i))
+        rows.flat_map(move |(row, boxes)| bits(boxes.touching(&hull)).map(move |i| row * ROW + i))
+    }
+}
+
+/// Boxes of all triangles, relative to a centre.
+struct Rows<'a> {
+    surface: &'a Surface,
+    centre: &'a Vec3,
+}
+
+impl Job for Rows<'_> {
+    type Output = Vec<Row>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Vec<Row> {
+        let Rows { surface, centre } = self;
+        let row = |triangles: &[[u32; 3]]| {
+            let is_there = |i: usize| triangles.get(i).is_some_and(|t| t[0] != GONE);
+            let id = |i: usize, k: usize| if is_there(i) { triangles[i][k] } else { 0 };
+            let corners = [0, 1, 2].map(|k| {
+                let ids = std::array::from_fn(|i| id(i, k));
+                L::relative(eight(surface, &ids), [centre; 8], 1.0)
+            });
+            let mut row = Row::of(&corners);
+            (0..ROW).filter(|&i| !is_there(i)).for_each(|i| row.set(i, &Hull::EMPTY));
+            row
+        };
+        surface.triangles.chunks(ROW).map(row).collect()
     }
 }
 
@@ -130,6 +232,32 @@ impl Tree {
     /// A tree without triangles. Rounding relative to `centre` never parts boxes that touch: it keeps the order of numbers.
     pub(crate) fn new(centre: Vec3) -> Tree {
         Tree { centre, n: 0, levels: vec![vec![Row::EMPTY]], open: Vec::new() }
+    }
+
+    /// A tree of the triangles of a surface that has vertices.
+    pub(crate) fn of_surface(surface: &Surface, centre: Vec3, simd: Simd) -> Tree {
+        let mut tree = Tree::new(centre);
+        let rows = simd.run(Rows { surface, centre: &centre });
+        if rows.is_empty() {
+            return tree;
+        }
+        tree.n = surface.triangles.len();
+        tree.levels = vec![rows];
+        while let Some(below) = tree.levels.last().filter(|level| level.len() > 1) {
+            let row = |below: &[Row]| {
+                let mut row = Row::EMPTY;
+                below.iter().enumerate().for_each(|(i, below)| row.set(i, &below.hull()));
+                row
+            };
+            let level = below.chunks(ROW).map(row).collect();
+            tree.levels.push(level);
+        }
+        tree
+    }
+
+    /// The place that boxes are relative to.
+    pub(super) fn centre(&self) -> Vec3 {
+        self.centre
     }
 
     /// The number of triangles that it has boxes of.
@@ -196,17 +324,24 @@ impl Tree {
     }
 
     /// Lists the triangles whose boxes touch another.
-    pub(crate) fn touching(&mut self, hull: &Hull, found: &mut Vec<u32>) {
+    #[inline(always)]
+    pub(crate) fn touching<L: Lanes>(&mut self, hull: &Hull, found: &mut Vec<u32>) {
         found.clear();
         let Tree { levels, open, .. } = self;
+        let hull = Splat::<L>::of(hull);
         open.clear();
         open.push((levels.len() as u32 - 1, 0));
         while let Some((level, row)) = open.pop() {
-            let below = bits(levels[level as usize][row as usize].touching(hull));
+            let below = bits(levels[level as usize][row as usize].touching(&hull));
             let below = below.map(|i| row * ROW as u32 + i as u32);
-            match level {
-                0 => found.extend(below),
-                _ => open.extend(below.map(|place| (level - 1, place))),
+            if level == 0 {
+                found.extend(below);
+                continue;
+            }
+            let next = &levels[level as usize - 1];
+            for place in below {
+                prefetch(next, place);
+                open.push((level - 1, place));
             }
         }
     }
@@ -216,6 +351,7 @@ impl Tree {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+    use crate::simd::Portable;
 
     #[test]
     fn a_search_finds_what_a_plain_one_finds_after_boxes_have_moved() {
@@ -246,7 +382,7 @@ mod tests {
                 let from = [next(), next(), next()];
                 let wanted = tree.hull(&[from, from.map(|x| x + 0.3 * next())]);
                 let mut found = Vec::new();
-                tree.touching(&wanted, &mut found);
+                tree.touching::<Portable>(&wanted, &mut found);
                 found.sort_unstable();
                 let touches = |a: &Hull, b: &Hull| {
                     (0..3).all(|k| a.low[k] <= b.high[k] && b.low[k] <= a.high[k])
@@ -256,7 +392,9 @@ mod tests {
                 assert_eq!(found, expected);
                 let mut some = Hulls::default();
                 some.fill(plain.iter().copied());
-                assert!(some.touching(&wanted).eq(expected.iter().map(|&i| i as usize)));
+                assert!(
+                    some.touching::<Portable>(&wanted).eq(expected.iter().map(|&i| i as usize))
+                );
             }
         }
     }

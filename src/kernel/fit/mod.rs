@@ -14,7 +14,7 @@ mod normal_equations;
 mod relief;
 pub(crate) mod samples;
 
-use crate::crossing::{self, Change, Crossings};
+use crate::crossing::{self, Change, Crossings, Look};
 use crate::fit::nearest::{Foot, feet, nearest_around};
 use crate::fit::samples::{Sample, Samples};
 use crate::simd::Simd;
@@ -112,7 +112,7 @@ pub(crate) fn fit(
     // Written so that NaN is not a gain.
     if change < 0.0 {
         if let Some(crossings) = crossings {
-            work.hold_apart(crossings);
+            work.hold_apart(crossings, simd);
         }
         statistics.moved = work.write_back(simd);
     } else {
@@ -232,7 +232,7 @@ impl<'a> Work<'a> {
     }
 
     /// Gives up the steps of vertices, one after the other, whose triangles would meet more others than they do.
-    fn hold_apart(&mut self, crossings: &mut Crossings) {
+    fn hold_apart(&mut self, crossings: &mut Crossings, simd: Simd) {
         let surface = &mut self.state.surface;
         let (mut b, mut c) = (Vec::new(), Vec::new());
         let mut taken = Vec::new();
@@ -243,14 +243,16 @@ impl<'a> Work<'a> {
             let place = moved_to(surface, v, (&self.before[v], &self.place[v]));
             crossing::around(surface, v as u32, &mut b, &mut c);
             let ids = surface.ring(v as u32);
-            let change = Change { ids, around: (&b, &c), vertex: v as u32, place };
-            if ids.len() > MAX_VALENCE as usize || !crossings.admits(surface, &change) {
+            let (vertex, ends) = (v as u32, [v as u32; 2]);
+            let change = Change { ids, ends, around: (&b, &c), vertex, place };
+            let look = Look { crossings, surface, change: &change };
+            if ids.len() > MAX_VALENCE as usize || !simd.run(look) {
                 self.place[v] = self.before[v];
                 continue;
             }
             let position = &mut surface.vertices[v].position;
             taken.push((v, std::mem::replace(position, place)));
-            crossings.moved(surface, surface.ring(v as u32));
+            crossings.changed(surface, surface.ring(v as u32), &[]);
         }
         // They are made all at once, with all that rides along.
         taken.into_iter().for_each(|(v, position)| surface.vertices[v].position = position);

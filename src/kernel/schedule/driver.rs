@@ -13,12 +13,14 @@ use crate::interrupt::Interrupt;
 use crate::options::Topology;
 use crate::quality::{Probes, QualityAt};
 use crate::repair::clean::Cleaned;
+use crate::repair::close::excise::{Excised, excise};
 use crate::repair::close::{self, FilledHoles, OpenHoles};
 use crate::repair::make_manifold::{self, Mended};
 use crate::simd::Simd;
 use crate::state::MeshState;
 use crate::state::validate::validate;
 use crate::topology::components::{Removal, SmallComponents};
+use crate::vertex::GONE;
 
 /// The simplification under way.
 #[derive(Clone)]
@@ -101,6 +103,8 @@ pub(crate) struct TopologyChanges {
     pub(crate) one_sided: Option<u64>,
     /// Holes that were filled, and those that are open, where that was asked for.
     filled: Option<(FilledHoles, OpenHoles)>,
+    /// Places that were cut out and closed, where holes are filled and nothing may pass through itself.
+    excised: Option<Excised>,
     /// Vertices that wait for a source to be taken apart.
     pub(super) missing: u64,
     may_mend: bool,
@@ -127,6 +131,14 @@ impl TopologyChanges {
                 ("holes_left", open.holes),
                 ("holes_left_large", open.large),
                 ("holes_left_parts", open.parts),
+            ]);
+        }
+        if let Some(excised) = self.excised {
+            named.extend([
+                ("crossing_pairs_cut_out", excised.pairs),
+                ("holes_cut_out", excised.holes),
+                ("triangles_cut_out", excised.triangles),
+                ("crossing_triangles_left", excised.left),
             ]);
         }
         named.extend(self.one_sided.map(|n| ("components_left_one_sided", n)));
@@ -235,8 +247,25 @@ impl Driver {
         }
     }
 
-    /// Counts the holes that are open at the end.
+    /// Cuts out what still meets, and holes that are still open, as far as that can be closed.
+    pub(crate) fn excise(&mut self) {
+        if let Some(crossings) = self.crossings.as_mut().filter(|_| self.close_size > 0.0) {
+            let excised = excise(&mut self.state, crossings, self.close_size, self.simd);
+            self.changes.excised = Some(excised);
+            self.small_components = None;
+            validate(&self.state);
+        }
+    }
+
+    /// Counts the holes that are open at the end, and triangles that meet others.
     pub(crate) fn count_open(&mut self) {
+        if let (Some(excised), Some(crossings)) = (&mut self.changes.excised, &mut self.crossings) {
+            let surface = &self.state.surface;
+            let all = 0..surface.triangles.len() as u32;
+            let is_there = |&t: &u32| surface.triangles[t as usize][0] != GONE;
+            let meets = |&t: &u32| crossings.met_by(surface, t).is_some();
+            excised.left = all.filter(is_there).filter(meets).count() as u64;
+        }
         if let Some((_, open)) = &mut self.changes.filled {
             *open = close::open(&self.state, self.close_size);
         }
@@ -261,7 +290,7 @@ impl Driver {
         self.small_components = None;
         // The old tree goes before the new one is built.
         if self.crossings.take().is_some() {
-            self.crossings = Some(Box::new(Crossings::new(&self.state.surface)));
+            self.crossings = Some(Box::new(Crossings::new(&self.state.surface, self.simd)));
         }
         if let Some(samples) = &mut self.samples {
             samples.renumber(place, self.state.surface.n_alive, self.state.surface.vertices.len());

@@ -213,6 +213,7 @@ impl Driver {
         self.mend_at_last(target);
         // What has been taken apart since may have left holes.
         self.close(self.close_size);
+        self.excise();
         self.drain_to(target)
     }
 

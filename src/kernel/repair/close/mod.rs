@@ -4,6 +4,7 @@
 //! nested loops in one plane, as the wall of a tube leaves them where a scan ends, the inner one becomes a hole in the filling of
 //! the outer one. A filling that meets other triangles is tried again without those of its triangles that do.
 
+pub(crate) mod excise;
 mod polygon;
 mod rims;
 
@@ -57,7 +58,7 @@ pub(crate) fn close(state: &mut MeshState, size: f64, simd: Simd) -> FilledHoles
     // Largest first, so that what lies in a loop comes after it.
     rims.sort_by(|a, b| b.area().total_cmp(&a.area()).then(a.ring.cmp(&b.ring)));
     let parent = parents(&state.surface, &rims);
-    let mut crossings = Crossings::new(&state.surface);
+    let mut crossings = Crossings::new(&state.surface, simd);
     for (i, rim) in rims.iter().enumerate().filter(|&(i, _)| parent[i].is_none()) {
         let inner: Vec<&Rim> =
             (i + 1..rims.len()).filter(|&k| parent[k] == Some(i)).map(|k| &rims[k]).collect();

@@ -24,7 +24,7 @@ pub(super) struct Rim {
 }
 
 impl Rim {
-    fn new(surface: &Surface, ring: Vec<u32>) -> Rim {
+    pub(super) fn new(surface: &Surface, ring: Vec<u32>) -> Rim {
         let mut bounds = Bounds::EMPTY;
         ring.iter().for_each(|&v| bounds.add(place(surface, v)));
         let middle = bounds.or_origin().middle();

@@ -1,0 +1,275 @@
+//! The new triangles around a vertex, with planes that part others from them: eight triangles at a time, a few bits a corner.
+//!
+//! They have to lie one beside the other, seen along the mean of their normals. Each then has four planes: its own, and walls along
+//! that direction over its three edges. A triangle whose corners are all beyond one of these, but for corners that both
+//! have, meets it nowhere else. Everything is relative to the new place, in f32; signs that rounding could turn say nothing.
+
+use crate::simd::Lanes;
+use crate::simd::unchecked::prefetch;
+use crate::surface::Surface;
+use crate::vertex::Vertex;
+use stonecut_mesh::vec3::Vec3;
+
+/// Most triangles around the vertex.
+pub(super) const MOST: usize = 24;
+/// Eights of them.
+const EIGHTS: usize = MOST / 8;
+/// Bounds the rounding of a height over a plane, as a share of the product of the lengths that it is made of: more than twice
+/// what the sums can lose.
+const ROUNDING: f32 = 16.0 * f32::EPSILON;
+/// Lengths are taken for at least that, so that a bound does not vanish where products underflow.
+const LEAST: f32 = 1e-10;
+const LEAST_PRODUCT: f32 = 1e-25;
+/// Corners whose sides are remembered; a power of two.
+const REMEMBERED: usize = 128;
+
+/// Triangles around a vertex by their other corners; what is left of the last eight repeats the first one.
+pub(super) struct Around {
+    pub(super) b: [[u32; 8]; EIGHTS],
+    pub(super) c: [[u32; 8]; EIGHTS],
+    pub(super) n: usize,
+}
+
+impl Around {
+    /// `None` for none and for more than `MOST`.
+    #[inline(always)]
+    pub(super) fn new((b, c): (&[u32], &[u32])) -> Option<Around> {
+        let n = b.len();
+        if n == 0 || n > MOST || c.len() != n {
+            return None;
+        }
+        let mut around = Around { b: [[b[0]; 8]; EIGHTS], c: [[c[0]; 8]; EIGHTS], n };
+        around.b.as_flattened_mut()[..n].copy_from_slice(b);
+        around.c.as_flattened_mut()[..n].copy_from_slice(c);
+        Some(around)
+    }
+
+    /// The corners of each eight.
+    #[inline(always)]
+    pub(super) fn eights(&self) -> impl Iterator<Item = (&[u32; 8], &[u32; 8])> {
+        self.b.iter().zip(&self.c).take(self.n.div_ceil(8))
+    }
+
+    /// A bit for each.
+    #[inline(always)]
+    fn bits(&self) -> u32 {
+        u32::MAX >> (32 - self.n)
+    }
+}
+
+/// The vertices of eight ids.
+#[inline(always)]
+pub(super) fn eight<'a>(surface: &'a Surface, ids: &[u32; 8]) -> [&'a Vertex; 8] {
+    ids.map(|v| &surface.vertices[v as usize])
+}
+
+/// Of corners that were looked at, bits of the triangles that each plane parts them from: below and above, and behind the walls.
+#[derive(Clone)]
+pub(super) struct Seen {
+    ids: [u32; REMEMBERED],
+    beyond: [Beyond; REMEMBERED],
+}
+
+type Beyond = [u32; 5];
+
+impl Default for Seen {
+    fn default() -> Self {
+        Seen { ids: [u32::MAX; REMEMBERED], beyond: [[0; 5]; REMEMBERED] }
+    }
+}
+
+/// Planes of eight triangles.
+#[derive(Clone, Copy)]
+struct Eight<L> {
+    b: [u32; 8],
+    c: [u32; 8],
+    face: [L; 3],
+    wall_b: [L; 3],
+    wall_c: [L; 3],
+    rim: [L; 3],
+    /// Height of the rim over its direction.
+    rim_at: L,
+    face_slack: L,
+    wall_slack: L,
+}
+
+/// The new triangles.
+pub(super) struct Screen<'a, L> {
+    eights: [Eight<L>; EIGHTS],
+    around: &'a Around,
+    place: &'a Vec3,
+    /// The farthest corner, in the sum of coordinates.
+    far: f32,
+}
+
+#[inline(always)]
+fn cross<L: Lanes>(a: [L; 3], b: [L; 3]) -> [L; 3] {
+    let of = |i: usize, j: usize| a[i].times(b[j]).minus(a[j].times(b[i]));
+    [of(1, 2), of(2, 0), of(0, 1)]
+}
+
+#[inline(always)]
+fn dot<L: Lanes>(a: [L; 3], b: [L; 3]) -> L {
+    a[0].times(b[0]).plus(a[1].times(b[1])).plus(a[2].times(b[2]))
+}
+
+#[inline(always)]
+fn magnitude<L: Lanes>(a: L) -> L {
+    a.greater(L::splat(0.0).minus(a))
+}
+
+/// The sums of the sizes of coordinates.
+#[inline(always)]
+fn size<L: Lanes>(a: [L; 3]) -> L {
+    magnitude(a[0]).plus(magnitude(a[1])).plus(magnitude(a[2]))
+}
+
+#[inline(always)]
+fn splat<L: Lanes>(a: [f32; 3]) -> [L; 3] {
+    [L::splat(a[0]), L::splat(a[1]), L::splat(a[2])]
+}
+
+impl<'a, L: Lanes> Screen<'a, L> {
+    /// `None` where the triangles do not lie for certain one beside the other.
+    #[inline(always)]
+    pub(super) fn new(
+        surface: &Surface,
+        around: &'a Around,
+        place: &'a Vec3,
+    ) -> Option<Screen<'a, L>> {
+        let none = L::splat(0.0);
+        let empty = Eight {
+            b: [0; 8],
+            c: [0; 8],
+            face: [none; 3],
+            wall_b: [none; 3],
+            wall_c: [none; 3],
+            rim: [none; 3],
+            rim_at: none,
+            face_slack: none,
+            wall_slack: none,
+        };
+        let mut screen = Screen { eights: [empty; EIGHTS], around, place, far: 0.0 };
+        let mut mean = [0.0; 3];
+        let mut ray = [0.0; 3];
+        let mut left = around.n;
+        let places = |ids: &[u32; 8]| L::relative(eight(surface, ids), [place; 8], surface.scale);
+        // First the faces; the walls take the place of the corners.
+        for (i, (own, (b_ids, c_ids))) in screen.eights.iter_mut().zip(around.eights()).enumerate()
+        {
+            let (b, c) = (places(b_ids), places(c_ids));
+            let face = cross(b, c);
+            let sizes = size(b).plus(size(c));
+            let slack =
+                size(b).times(size(c)).times(L::splat(ROUNDING)).plus(L::splat(LEAST_PRODUCT));
+            let length = dot(face, face).root();
+            let lanes = 0xFF >> (8 - left.min(8));
+            if slack.below(length) & lanes != lanes {
+                return None;
+            }
+            let in_use = L::load(&std::array::from_fn(|k| f32::from(u8::from(k < left))));
+            let share = in_use.over(length);
+            mean = std::array::from_fn(|k| mean[k] + face[k].times(share).sum());
+            if i == 0 {
+                ray = std::array::from_fn(|k| 0.5 * (b[k].store()[0] + c[k].store()[0]));
+            }
+            screen.far = screen.far.max(-none.minus(sizes).least());
+            *own = Eight {
+                b: *b_ids,
+                c: *c_ids,
+                face,
+                wall_b: b,
+                wall_c: c,
+                face_slack: slack,
+                wall_slack: sizes,
+                ..empty
+            };
+            left = left.saturating_sub(8);
+        }
+        let along: [L; 3] = splat(mean);
+        let (along_size, ray): (L, [L; 3]) = (size(along), splat(ray));
+        let rounding = L::splat(ROUNDING).times(along_size);
+        let mut n_over_ray = 0;
+        let mut left = around.n;
+        for own in screen.eights.iter_mut().take(around.n.div_ceil(8)) {
+            let (b, c) = (own.wall_b, own.wall_c);
+            let lanes = 0xFF >> (8 - left.min(8));
+            let slack = own.face_slack.times(along_size);
+            if slack.below(dot(own.face, along)) & lanes != lanes {
+                return None;
+            }
+            // A direction within the first triangle; seen along the mean it may lie in no other one.
+            let (before, after) = (dot(cross(b, ray), along), dot(cross(ray, c), along));
+            let slack =
+                own.wall_slack.times(size(ray)).times(rounding).plus(L::splat(LEAST_PRODUCT));
+            let minus = none.minus(slack);
+            let (over_b, over_c) = (slack.below(before), slack.below(after));
+            let (off_b, off_c) = (before.below(minus), after.below(minus));
+            if (over_b | off_b) & (over_c | off_c) & lanes != lanes {
+                return None;
+            }
+            n_over_ray += (over_b & over_c & lanes).count_ones();
+            let edge = [c[0].minus(b[0]), c[1].minus(b[1]), c[2].minus(b[2])];
+            own.wall_b = cross(along, b);
+            own.wall_c = cross(c, along);
+            own.rim = cross(edge, along);
+            own.rim_at = dot(own.rim, b);
+            own.wall_slack = own.wall_slack.times(rounding).plus(L::splat(LEAST_PRODUCT));
+            left = left.saturating_sub(8);
+        }
+        (n_over_ray == 1).then_some(screen)
+    }
+
+    /// Bits of the new triangles that a triangle is not parted from by one of their planes.
+    #[inline(always)]
+    pub(super) fn left(&self, surface: &Surface, triangle: [u32; 3], seen: &mut Seen) -> u32 {
+        let [a, b, c] = triangle.map(|v| {
+            let at = v as usize & (REMEMBERED - 1);
+            if seen.ids[at] != v {
+                seen.ids[at] = v;
+                seen.beyond[at] = self.beyond(surface, v);
+            }
+            seen.beyond[at]
+        });
+        let parted = (0..5).fold(0, |parted, k| parted | a[k] & b[k] & c[k]);
+        self.around.bits() & !parted
+    }
+
+    /// Begins to look: forgets corners of others.
+    #[inline(always)]
+    pub(super) fn begin(&self, seen: &mut Seen) {
+        seen.ids.fill(u32::MAX);
+    }
+
+    #[inline(always)]
+    fn beyond(&self, surface: &Surface, v: u32) -> Beyond {
+        let at = surface.vertices[v as usize].position;
+        let off: [f32; 3] =
+            std::array::from_fn(|k| ((at[k] - self.place[k]) * surface.scale) as f32);
+        let reach = off.iter().map(|x| x.abs()).sum::<f32>().max(LEAST) + self.far;
+        let (off, reach): ([L; 3], L) = (splat(off), L::splat(reach));
+        let mut beyond = [0; 5];
+        for (i, own) in self.eights.iter().take(self.around.n.div_ceil(8)).enumerate() {
+            let (face, wall) = (own.face_slack.times(reach), own.wall_slack.times(reach));
+            let minus = |x: L| L::splat(0.0).minus(x);
+            let height = dot(own.face, off);
+            let rim = dot(own.rim, off).minus(own.rim_at);
+            let (is_b, is_c) = (L::matches(&own.b, v), L::matches(&own.c, v));
+            let bits = [
+                height.below(minus(face)) | is_b | is_c,
+                face.below(height) | is_b | is_c,
+                dot(own.wall_b, off).below(minus(wall)) | is_b,
+                dot(own.wall_c, off).below(minus(wall)) | is_c,
+                wall.below(rim) | is_b | is_c,
+            ];
+            (0..5).for_each(|k| beyond[k] |= bits[k] << (8 * i));
+        }
+        beyond
+    }
+}
+
+/// Fetches the corners of triangles.
+#[inline(always)]
+pub(super) fn fetch(surface: &Surface, triangles: &[u32]) {
+    triangles.iter().for_each(|&t| prefetch(&surface.triangles, t));
+}

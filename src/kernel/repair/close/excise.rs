@@ -1,0 +1,229 @@
+//! Cuts out what is wrong beyond mending and closes what that leaves: triangles that meet others, and the surroundings of holes whose
+//! fillings would.
+//!
+//! Ring by ring, until every loop that is left has a filling that meets nothing; where a few rings do not do, all stays as it was.
+
+use super::rims::{self, Rim, parents};
+use super::{FilledHoles, fill};
+use crate::crossing::Crossings;
+use crate::simd::Simd;
+use crate::state::MeshState;
+use crate::state::recompute::recompute_vertices;
+use crate::surface::class::Class;
+use crate::surface::{MAX_VALENCE, Surface};
+use crate::vertex::GONE;
+use std::collections::BTreeSet;
+use stonecut_mesh::corners::others;
+
+/// Rings of triangles around what is wrong that are cut out at most, and triangles.
+const MOST_RINGS: usize = 4;
+const MOST_TRIANGLES: usize = 400;
+/// Loops of more edges are not local.
+const MOST_EDGES: usize = 400;
+
+/// Places that were cut out and closed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Excised {
+    /// Pairs of triangles that met.
+    pub(crate) pairs: u64,
+    /// Holes that could not be filled as they were.
+    pub(crate) holes: u64,
+    /// Triangles that were cut out.
+    pub(crate) triangles: u64,
+    /// Triangles that meet others in the end.
+    pub(crate) left: u64,
+}
+
+/// Cuts out pairs of triangles that meet and the surroundings of holes of at most this size, where what is left can be closed.
+pub(crate) fn excise(
+    state: &mut MeshState,
+    crossings: &mut Crossings,
+    size: f64,
+    simd: Simd,
+) -> Excised {
+    let mut excised = Excised::default();
+    let mut work = Work { state, crossings, size, simd, n_cut: 0 };
+    for t in 0..work.state.surface.triangles.len() as u32 {
+        if let Some(other) = work.met(t) {
+            let is_cut = work.cut_around(&[t, other]);
+            excised.pairs += u64::from(is_cut);
+        }
+    }
+    let is_seam =
+        |state: &MeshState, v: u32| state.wedges.as_ref().is_some_and(|wedges| wedges.is_seam(v));
+    let (rims, _) = rims::find(work.state, |v| is_seam(work.state, v));
+    for rim in rims.into_iter().filter(|rim| rim.size <= size && rim.ring.len() <= MOST_EDGES) {
+        let surface = &work.state.surface;
+        let is_open = |&v: &u32| surface.rings[v as usize].class == Some(Class::Boundary);
+        // One before may have taken it along.
+        if rim.ring.iter().all(is_open) {
+            let around: BTreeSet<u32> =
+                rim.ring.iter().flat_map(|&v| surface.ring(v).iter().copied()).collect();
+            let around: Vec<u32> = around.into_iter().collect();
+            excised.holes += u64::from(work.cut_around(&around));
+        }
+    }
+    excised.triangles = work.n_cut;
+    excised
+}
+
+struct Work<'a> {
+    state: &'a mut MeshState,
+    crossings: &'a mut Crossings,
+    size: f64,
+    simd: Simd,
+    n_cut: u64,
+}
+
+/// The surface around a cut before it was made.
+struct Before {
+    triangles: Vec<(u32, [u32; 3])>,
+    rings: Vec<(u32, Vec<u32>)>,
+    n_triangles: u32,
+    n_alive: u64,
+}
+
+impl Work<'_> {
+    /// A triangle that meets this one.
+    fn met(&mut self, t: u32) -> Option<u32> {
+        let surface = &self.state.surface;
+        if surface.triangles[t as usize][0] == GONE {
+            return None;
+        }
+        self.crossings.met_by(surface, t)
+    }
+
+    /// Cuts out triangles and rings around them until what is left can be closed.
+    fn cut_around(&mut self, seeds: &[u32]) -> bool {
+        let mut part: BTreeSet<u32> = seeds.iter().copied().collect();
+        for _ in 0..MOST_RINGS {
+            self.crossings.take_met();
+            if self.cut(&part) {
+                return true;
+            }
+            // What a filling met goes as well.
+            let is_there = |&t: &u32| self.state.surface.triangles[t as usize][0] != GONE;
+            part.extend(self.crossings.take_met().filter(is_there));
+            let surface = &self.state.surface;
+            let corners: BTreeSet<u32> =
+                part.iter().flat_map(|&t| surface.triangles[t as usize]).collect();
+            part.extend(corners.iter().flat_map(|&v| surface.ring(v).iter().copied()));
+            if part.len() > MOST_TRIANGLES {
+                return false;
+            }
+        }
+        self.cut(&part)
+    }
+
+    /// Cuts out triangles and closes the loops that are left; false, and nothing changed, if one cannot be.
+    fn cut(&mut self, part: &BTreeSet<u32>) -> bool {
+        let surface = &mut self.state.surface;
+        let corners: BTreeSet<u32> =
+            part.iter().flat_map(|&t| surface.triangles[t as usize]).collect();
+        let is_free = |&v: &u32| {
+            let ring = &surface.rings[v as usize];
+            let is_seam = self.state.wedges.as_ref().is_some_and(|wedges| wedges.is_seam(v));
+            ring.class != Some(Class::Locked) && ring.len <= MAX_VALENCE && !is_seam
+        };
+        if !corners.iter().all(is_free) {
+            return false;
+        }
+        let mut before = Before {
+            triangles: part.iter().map(|&t| (t, surface.triangles[t as usize])).collect(),
+            rings: corners.iter().map(|&v| (v, surface.ring(v).to_vec())).collect(),
+            n_triangles: surface.triangles.len() as u32,
+            n_alive: surface.n_alive,
+        };
+        for &t in part {
+            surface.triangles[t as usize][0] = GONE;
+        }
+        surface.n_alive -= part.len() as u64;
+        for (v, ring) in &before.rings {
+            let left: Vec<u32> = ring.iter().copied().filter(|t| !part.contains(t)).collect();
+            surface.set_ring(*v, &left);
+        }
+        let gone: Vec<u32> = part.iter().copied().collect();
+        self.crossings.moved(surface, &gone);
+        let rims = loops(surface, &corners);
+        let others = rims.iter().flatten().flat_map(|rim| &rim.ring);
+        let others: BTreeSet<u32> = others.copied().filter(|v| !corners.contains(v)).collect();
+        before.rings.extend(others.iter().map(|&v| (v, surface.ring(v).to_vec())));
+        let is_closed = rims.is_some_and(|rims| self.close(rims));
+        if !is_closed {
+            self.take_back(&before);
+            return false;
+        }
+        self.n_cut += part.len() as u64;
+        let mut touched: Vec<u32> = before.rings.into_iter().map(|(v, _)| v).collect();
+        touched.retain(|&v| self.state.surface.rings[v as usize].len > 0);
+        if let Some(wedges) = &mut self.state.wedges {
+            wedges.look_at(&mut self.state.surface, &touched);
+        }
+        recompute_vertices(self.state, &mut touched, self.simd);
+        true
+    }
+
+    /// Fills loops; false if one of them cannot be.
+    fn close(&mut self, mut rims: Vec<Rim>) -> bool {
+        if rims.iter().any(|rim| rim.size > self.size) {
+            return false;
+        }
+        rims.sort_by(|a, b| b.area().total_cmp(&a.area()).then(a.ring.cmp(&b.ring)));
+        let parent = parents(&self.state.surface, &rims);
+        let mut filled = FilledHoles::default();
+        (0..rims.len()).filter(|&i| parent[i].is_none()).all(|i| {
+            let inner: Vec<&Rim> =
+                (i + 1..rims.len()).filter(|&k| parent[k] == Some(i)).map(|k| &rims[k]).collect();
+            fill(self.state, self.crossings, &rims[i], &inner, &mut filled)
+        })
+    }
+
+    /// Puts everything back to where it was.
+    fn take_back(&mut self, before: &Before) {
+        let surface = &mut self.state.surface;
+        let added: Vec<u32> = (before.n_triangles..surface.triangles.len() as u32).collect();
+        for &t in &added {
+            surface.triangles[t as usize][0] = GONE;
+        }
+        for &(t, corners) in &before.triangles {
+            surface.triangles[t as usize] = corners;
+        }
+        for (v, ring) in &before.rings {
+            surface.set_ring(*v, ring);
+        }
+        surface.n_alive = before.n_alive;
+        let back: Vec<u32> = before.triangles.iter().map(|&(t, _)| t).chain(added).collect();
+        self.crossings.moved(surface, &back);
+    }
+}
+
+/// The loops through vertices that are left of a cut; `None` where sheets only touch.
+fn loops(surface: &Surface, corners: &BTreeSet<u32>) -> Option<Vec<Rim>> {
+    // Against the sense of the triangle that is there.
+    let next = |v: u32| {
+        let around = || surface.ring(v).iter().map(|&t| others(surface.triangles[t as usize], v));
+        let mut open = around().map(|(_, c)| c).filter(|&c| around().all(|(b, _)| b != c));
+        let n_in = around().filter(|&(b, _)| around().all(|(_, c)| b != c)).count();
+        let first = open.next();
+        (n_in == 1 && open.next().is_none()).then_some(first).flatten()
+    };
+    let mut seen = BTreeSet::new();
+    let mut rims = Vec::new();
+    for &start in corners.iter().filter(|&&v| !surface.ring(v).is_empty()) {
+        let mut ring = Vec::new();
+        let mut at = start;
+        while seen.insert(at) {
+            ring.push(at);
+            at = next(at)?;
+            if ring.len() > MOST_EDGES {
+                return None;
+            }
+        }
+        match ring.first() {
+            None => {}
+            Some(&first) if first == at && ring.len() > 2 => rims.push(Rim::new(surface, ring)),
+            Some(_) => return None,
+        }
+    }
+    Some(rims)
+}
