@@ -26,8 +26,8 @@ pub(super) struct TypedSolid {
     /// side only (Moebius bands) stay and are counted.
     #[arg(long)]
     orient: bool,
-    /// Refuse what would make the surface pass through itself where it did not, for 3D printing and simulation: takes four to
-    /// eight times as long.
+    /// Refuse what would make the surface pass through itself where it did not, for 3D printing and simulation: takes two to
+    /// four times as long.
     #[arg(long)]
     no_self_intersections: bool,
     /// Options in one word; those that are typed beside it count. print: --close=all --orient --no-self-intersections

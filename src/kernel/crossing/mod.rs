@@ -197,7 +197,9 @@ impl Crossings {
         let hull = self.tree.of(t);
         self.tree.touching::<Portable>(&hull, &mut self.near);
         let mut near = self.near.iter().copied();
-        near.find(|&other| other != t && own.meets(&of(other)))
+        // What has vanished may have left its box.
+        let is_there = |&other: &u32| surface.triangles[other as usize][0] != GONE;
+        near.find(|other| *other != t && is_there(other) && own.meets(&of(*other)))
     }
 
     /// The triangle of the surface that was met last, once.

@@ -3,6 +3,8 @@
 //! They have to lie one beside the other, seen along the mean of their normals. Each then has four planes: its own, and walls along
 //! that direction over its three edges. A triangle whose corners are all beyond one of these, but for corners that both
 //! have, meets it nowhere else. Everything is relative to the new place, in f32; signs that rounding could turn say nothing.
+//!
+//! Lanes are used in loops and plain calls only: closures that others call are not compiled for them.
 
 use crate::simd::Lanes;
 use crate::simd::unchecked::prefetch;
@@ -59,8 +61,11 @@ impl Around {
 
 /// The vertices of eight ids.
 #[inline(always)]
-pub(super) fn eight<'a>(surface: &'a Surface, ids: &[u32; 8]) -> [&'a Vertex; 8] {
-    ids.map(|v| &surface.vertices[v as usize])
+pub(super) fn eight<'a>(surface: &'a Surface, i: &[u32; 8]) -> [&'a Vertex; 8] {
+    let all = &surface.vertices[..];
+    let [a, b, c, d] = [i[0] as usize, i[1] as usize, i[2] as usize, i[3] as usize];
+    let [e, f, g, h] = [i[4] as usize, i[5] as usize, i[6] as usize, i[7] as usize];
+    [&all[a], &all[b], &all[c], &all[d], &all[e], &all[f], &all[g], &all[h]]
 }
 
 /// Of corners that were looked at, bits of the triangles that each plane parts them from: below and above, and behind the walls.
@@ -104,8 +109,11 @@ pub(super) struct Screen<'a, L> {
 
 #[inline(always)]
 fn cross<L: Lanes>(a: [L; 3], b: [L; 3]) -> [L; 3] {
-    let of = |i: usize, j: usize| a[i].times(b[j]).minus(a[j].times(b[i]));
-    [of(1, 2), of(2, 0), of(0, 1)]
+    [
+        a[1].times(b[2]).minus(a[2].times(b[1])),
+        a[2].times(b[0]).minus(a[0].times(b[2])),
+        a[0].times(b[1]).minus(a[1].times(b[0])),
+    ]
 }
 
 #[inline(always)]
@@ -114,8 +122,13 @@ fn dot<L: Lanes>(a: [L; 3], b: [L; 3]) -> L {
 }
 
 #[inline(always)]
+fn negative<L: Lanes>(a: L) -> L {
+    L::splat(0.0).minus(a)
+}
+
+#[inline(always)]
 fn magnitude<L: Lanes>(a: L) -> L {
-    a.greater(L::splat(0.0).minus(a))
+    a.greater(negative(a))
 }
 
 /// The sums of the sizes of coordinates.
@@ -125,7 +138,7 @@ fn size<L: Lanes>(a: [L; 3]) -> L {
 }
 
 #[inline(always)]
-fn splat<L: Lanes>(a: [f32; 3]) -> [L; 3] {
+pub(super) fn splat<L: Lanes>(a: [f32; 3]) -> [L; 3] {
     [L::splat(a[0]), L::splat(a[1]), L::splat(a[2])]
 }
 
@@ -153,11 +166,11 @@ impl<'a, L: Lanes> Screen<'a, L> {
         let mut mean = [0.0; 3];
         let mut ray = [0.0; 3];
         let mut left = around.n;
-        let places = |ids: &[u32; 8]| L::relative(eight(surface, ids), [place; 8], surface.scale);
         // First the faces; the walls take the place of the corners.
         for (i, (own, (b_ids, c_ids))) in screen.eights.iter_mut().zip(around.eights()).enumerate()
         {
-            let (b, c) = (places(b_ids), places(c_ids));
+            let b = L::relative(eight(surface, b_ids), [place; 8], surface.scale);
+            let c = L::relative(eight(surface, c_ids), [place; 8], surface.scale);
             let face = cross(b, c);
             let sizes = size(b).plus(size(c));
             let slack =
@@ -169,11 +182,13 @@ impl<'a, L: Lanes> Screen<'a, L> {
             }
             let in_use = L::load(&std::array::from_fn(|k| f32::from(u8::from(k < left))));
             let share = in_use.over(length);
-            mean = std::array::from_fn(|k| mean[k] + face[k].times(share).sum());
-            if i == 0 {
-                ray = std::array::from_fn(|k| 0.5 * (b[k].store()[0] + c[k].store()[0]));
+            for k in 0..3 {
+                mean[k] += face[k].times(share).sum();
+                if i == 0 {
+                    ray[k] = 0.5 * (b[k].store()[0] + c[k].store()[0]);
+                }
             }
-            screen.far = screen.far.max(-none.minus(sizes).least());
+            screen.far = screen.far.max(-negative(sizes).least());
             *own = Eight {
                 b: *b_ids,
                 c: *c_ids,
@@ -223,14 +238,16 @@ impl<'a, L: Lanes> Screen<'a, L> {
     /// Bits of the new triangles that a triangle is not parted from by one of their planes.
     #[inline(always)]
     pub(super) fn left(&self, surface: &Surface, triangle: [u32; 3], seen: &mut Seen) -> u32 {
-        let [a, b, c] = triangle.map(|v| {
+        let mut beyond = [[0; 5]; 3];
+        for (beyond, v) in beyond.iter_mut().zip(triangle) {
             let at = v as usize & (REMEMBERED - 1);
             if seen.ids[at] != v {
                 seen.ids[at] = v;
                 seen.beyond[at] = self.beyond(surface, v);
             }
-            seen.beyond[at]
-        });
+            *beyond = seen.beyond[at];
+        }
+        let [a, b, c] = beyond;
         let parted = (0..5).fold(0, |parted, k| parted | a[k] & b[k] & c[k]);
         self.around.bits() & !parted
     }
@@ -244,22 +261,23 @@ impl<'a, L: Lanes> Screen<'a, L> {
     #[inline(always)]
     fn beyond(&self, surface: &Surface, v: u32) -> Beyond {
         let at = surface.vertices[v as usize].position;
-        let off: [f32; 3] =
-            std::array::from_fn(|k| ((at[k] - self.place[k]) * surface.scale) as f32);
-        let reach = off.iter().map(|x| x.abs()).sum::<f32>().max(LEAST) + self.far;
+        let mut off = [0.0f32; 3];
+        for k in 0..3 {
+            off[k] = ((at[k] - self.place[k]) * surface.scale) as f32;
+        }
+        let reach = (off[0].abs() + off[1].abs() + off[2].abs()).max(LEAST) + self.far;
         let (off, reach): ([L; 3], L) = (splat(off), L::splat(reach));
         let mut beyond = [0; 5];
         for (i, own) in self.eights.iter().take(self.around.n.div_ceil(8)).enumerate() {
             let (face, wall) = (own.face_slack.times(reach), own.wall_slack.times(reach));
-            let minus = |x: L| L::splat(0.0).minus(x);
             let height = dot(own.face, off);
             let rim = dot(own.rim, off).minus(own.rim_at);
             let (is_b, is_c) = (L::matches(&own.b, v), L::matches(&own.c, v));
             let bits = [
-                height.below(minus(face)) | is_b | is_c,
+                height.below(negative(face)) | is_b | is_c,
                 face.below(height) | is_b | is_c,
-                dot(own.wall_b, off).below(minus(wall)) | is_b,
-                dot(own.wall_c, off).below(minus(wall)) | is_c,
+                dot(own.wall_b, off).below(negative(wall)) | is_b,
+                dot(own.wall_c, off).below(negative(wall)) | is_c,
                 wall.below(rim) | is_b | is_c,
             ];
             (0..5).for_each(|k| beyond[k] |= bits[k] << (8 * i));
@@ -268,8 +286,15 @@ impl<'a, L: Lanes> Screen<'a, L> {
     }
 }
 
-/// Fetches the corners of triangles.
+/// Fetches triangles and their corners into the cache.
 #[inline(always)]
 pub(super) fn fetch(surface: &Surface, triangles: &[u32]) {
-    triangles.iter().for_each(|&t| prefetch(&surface.triangles, t));
+    for &t in triangles {
+        prefetch(&surface.triangles, t);
+    }
+    for &t in triangles {
+        for v in surface.triangles[t as usize] {
+            prefetch(&surface.vertices, v);
+        }
+    }
 }

@@ -2,7 +2,7 @@
 //!
 //! Triangles lie near each other in memory, so a row is a region. A box only grows until the tree is built again.
 
-use super::screen::{Around, eight};
+use super::screen::{Around, eight, splat};
 use crate::simd::unchecked::prefetch;
 use crate::simd::{Job, Lanes, Simd};
 use crate::surface::Surface;
@@ -67,6 +67,14 @@ impl Row {
         Hull { low: self.low.map(least), high: self.high.map(most) }
     }
 
+    /// Fetches it into the cache.
+    #[inline(always)]
+    fn fetch(&self) {
+        prefetch(&self.low, 0);
+        prefetch(&self.low, 2);
+        prefetch(&self.high, 1);
+    }
+
     /// The boxes of eight triangles by their corners.
     #[inline(always)]
     fn of<L: Lanes>(corners: &[[L; 3]]) -> Row {
@@ -84,10 +92,11 @@ impl Row {
     /// A bit for each box that touches another.
     #[inline(always)]
     fn touching<L: Lanes>(&self, hull: &Splat<L>) -> u32 {
-        let apart = (0..3).fold(0, |apart, k| {
+        let mut apart = 0;
+        for k in 0..3 {
             let (low, high) = (L::load(&self.low[k]), L::load(&self.high[k]));
-            apart | hull.high[k].below(low) | high.below(hull.low[k])
-        });
+            apart |= hull.high[k].below(low) | high.below(hull.low[k]);
+        }
         !apart & 0xFF
     }
 }
@@ -101,7 +110,7 @@ struct Splat<L> {
 impl<L: Lanes> Splat<L> {
     #[inline(always)]
     fn of(hull: &Hull) -> Self {
-        Splat { low: hull.low.map(L::splat), high: hull.high.map(L::splat) }
+        Splat { low: splat(hull.low), high: splat(hull.high) }
     }
 }
 
@@ -135,19 +144,28 @@ impl Hulls {
         place: &Vec3,
     ) -> Hull {
         self.0.clear();
-        let place: [L; 3] = [0, 1, 2].map(|k| L::splat((place[k] - centre[k]) as f32));
+        let mut at = [0.0; 3];
+        for k in 0..3 {
+            at[k] = (place[k] - centre[k]) as f32;
+        }
+        let place: [L; 3] = splat(at);
         let (mut low, mut high) = (place, place);
         for (b, c) in around.eights() {
-            let of = |ids| L::relative(eight(surface, ids), [centre; 8], 1.0);
-            let row = Row::of(&[place, of(b), of(c)]);
+            let b = L::relative(eight(surface, b), [centre; 8], 1.0);
+            let c = L::relative(eight(surface, c), [centre; 8], 1.0);
+            let row = Row::of(&[place, b, c]);
             for k in 0..3 {
                 low[k] = low[k].lesser(L::load(&row.low[k]));
                 high[k] = high[k].greater(L::load(&row.high[k]));
             }
             self.0.push(row);
         }
-        let most = |x: L| -L::splat(0.0).minus(x).least();
-        Hull { low: low.map(L::least), high: high.map(most) }
+        let mut whole = Hull::EMPTY;
+        for k in 0..3 {
+            whole.low[k] = low[k].least();
+            whole.high[k] = -L::splat(0.0).minus(high[k]).least();
+        }
+        whole
     }
 
     /// The number of boxes, the last ones of a row included.
@@ -168,8 +186,11 @@ impl Hulls {
     #[inline(always)]
     pub(super) fn bits<L: Lanes>(&self, hull: &Hull) -> u32 {
         let hull = Splat::<L>::of(hull);
-        let rows = self.0.iter().take(4).enumerate();
-        rows.fold(0, |bits, (i, row)| bits | row.touching(&hull) << (ROW * i))
+        let mut bits = 0;
+        for (i, row) in self.0.iter().take(4).enumerate() {
+            bits |= row.touching(&hull) << (ROW * i);
+        }
+        bits
     }
 
     /// The numbers of those that touch a box.
@@ -193,18 +214,23 @@ impl Job for Rows<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Vec<Row> {
         let Rows { surface, centre } = self;
-        let row = |triangles: &[[u32; 3]]| {
+        let mut rows = Vec::with_capacity(surface.triangles.len().div_ceil(ROW));
+        for triangles in surface.triangles.chunks(ROW) {
             let is_there = |i: usize| triangles.get(i).is_some_and(|t| t[0] != GONE);
-            let id = |i: usize, k: usize| if is_there(i) { triangles[i][k] } else { 0 };
-            let corners = [0, 1, 2].map(|k| {
-                let ids = std::array::from_fn(|i| id(i, k));
-                L::relative(eight(surface, &ids), [centre; 8], 1.0)
-            });
-            let mut row = Row::of(&corners);
+            let mut ids = [[0; ROW]; 3];
+            for i in (0..ROW).filter(|&i| is_there(i)) {
+                for (ids, v) in ids.iter_mut().zip(triangles[i]) {
+                    ids[i] = v;
+                }
+            }
+            let a = L::relative(eight(surface, &ids[0]), [centre; 8], 1.0);
+            let b = L::relative(eight(surface, &ids[1]), [centre; 8], 1.0);
+            let c = L::relative(eight(surface, &ids[2]), [centre; 8], 1.0);
+            let mut row = Row::of(&[a, b, c]);
             (0..ROW).filter(|&i| !is_there(i)).for_each(|i| row.set(i, &Hull::EMPTY));
-            row
-        };
-        surface.triangles.chunks(ROW).map(row).collect()
+            rows.push(row);
+        }
+        rows
     }
 }
 
@@ -224,14 +250,15 @@ pub(crate) struct Tree {
     n: usize,
     /// Rows of boxes of triangles, then of the boxes of the rows of the level before; the last has one row.
     levels: Vec<Vec<Row>>,
-    /// Scratch space of a search: level and row.
-    open: Vec<(u32, u32)>,
+    /// Scratch space of a search: rows of a level, and of that below.
+    open: Vec<u32>,
+    next: Vec<u32>,
 }
 
 impl Tree {
     /// A tree without triangles. Rounding relative to `centre` never parts boxes that touch: it keeps the order of numbers.
     pub(crate) fn new(centre: Vec3) -> Tree {
-        Tree { centre, n: 0, levels: vec![vec![Row::EMPTY]], open: Vec::new() }
+        Tree { centre, n: 0, levels: vec![vec![Row::EMPTY]], open: Vec::new(), next: Vec::new() }
     }
 
     /// A tree of the triangles of a surface that has vertices.
@@ -327,21 +354,30 @@ impl Tree {
     #[inline(always)]
     pub(crate) fn touching<L: Lanes>(&mut self, hull: &Hull, found: &mut Vec<u32>) {
         found.clear();
-        let Tree { levels, open, .. } = self;
+        let Tree { levels, open, next, .. } = self;
         let hull = Splat::<L>::of(hull);
         open.clear();
-        open.push((levels.len() as u32 - 1, 0));
-        while let Some((level, row)) = open.pop() {
-            let below = bits(levels[level as usize][row as usize].touching(&hull));
-            let below = below.map(|i| row * ROW as u32 + i as u32);
-            if level == 0 {
-                found.extend(below);
-                continue;
+        open.push(0);
+        // Level by level, so that what is fetched is there when it is looked at.
+        for level in (1..levels.len()).rev() {
+            next.clear();
+            for &row in open.iter() {
+                let mut left = levels[level][row as usize].touching(&hull);
+                while left != 0 {
+                    let i = 31 - left.leading_zeros();
+                    left ^= 1 << i;
+                    let below = row * ROW as u32 + i;
+                    levels[level - 1][below as usize].fetch();
+                    next.push(below);
+                }
             }
-            let next = &levels[level as usize - 1];
-            for place in below {
-                prefetch(next, place);
-                open.push((level - 1, place));
+            std::mem::swap(open, next);
+        }
+        for &row in open.iter() {
+            let mut left = levels[0][row as usize].touching(&hull);
+            while left != 0 {
+                found.push(row * ROW as u32 + left.trailing_zeros());
+                left &= left - 1;
             }
         }
     }
