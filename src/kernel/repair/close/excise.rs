@@ -18,6 +18,8 @@ use stonecut_mesh::corners::others;
 /// Rings of triangles around what is wrong that are cut out at most, and triangles.
 const MOST_RINGS: usize = 4;
 const MOST_TRIANGLES: usize = 400;
+/// Places of either kind that could not be closed, after which no more are tried: each takes the time of many fillings.
+const MOST_LEFT: u64 = 200;
 /// Loops of more edges are not local.
 const MOST_EDGES: usize = 400;
 
@@ -43,12 +45,15 @@ pub(crate) fn excise(
 ) -> Excised {
     let mut excised = Excised::default();
     let mut work = Work { state, crossings, size, simd, n_cut: 0 };
+    let mut n_left = 0;
     for t in 0..work.state.surface.triangles.len() as u32 {
-        if let Some(other) = work.met(t) {
+        if let Some(other) = work.met(t).filter(|_| n_left < MOST_LEFT) {
             let is_cut = work.cut_around(&[t, other]);
             excised.pairs += u64::from(is_cut);
+            n_left += u64::from(!is_cut);
         }
     }
+    n_left = 0;
     let is_seam =
         |state: &MeshState, v: u32| state.wedges.as_ref().is_some_and(|wedges| wedges.is_seam(v));
     let (rims, _) = rims::find(work.state, |v| is_seam(work.state, v));
@@ -56,11 +61,13 @@ pub(crate) fn excise(
         let surface = &work.state.surface;
         let is_open = |&v: &u32| surface.rings[v as usize].class == Some(Class::Boundary);
         // One before may have taken it along.
-        if rim.ring.iter().all(is_open) {
+        if rim.ring.iter().all(is_open) && n_left < MOST_LEFT {
             let around: BTreeSet<u32> =
                 rim.ring.iter().flat_map(|&v| surface.ring(v).iter().copied()).collect();
             let around: Vec<u32> = around.into_iter().collect();
-            excised.holes += u64::from(work.cut_around(&around));
+            let is_cut = work.cut_around(&around);
+            excised.holes += u64::from(is_cut);
+            n_left += u64::from(!is_cut);
         }
     }
     excised.triangles = work.n_cut;
