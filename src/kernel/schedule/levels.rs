@@ -213,8 +213,10 @@ impl Driver {
         self.mend_at_last(target);
         // What has been taken apart since may have left holes.
         self.close(self.close_size);
+        let is_reached = self.drain_to(target);
+        // Collapses take most of what meets with them; fillings of what is cut out may be too many triangles.
         self.excise();
-        self.drain_to(target)
+        if self.state.surface.n_alive > target { self.drain_to(target) } else { is_reached }
     }
 
     fn drain_to(&mut self, target: u64) -> bool {
