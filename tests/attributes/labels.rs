@@ -159,7 +159,7 @@ fn whole_floats_of_faces_are_labels() {
     );
     points.iter().for_each(|[x, y, z]| text.push_str(&format!("{x} {y} {z}\n")));
     for [a, b, c] in &faces {
-        text.push_str(&format!("3 {a} {b} {c} {}\n", label(points[*a as usize])));
+        text.push_str(&format!("3 {a} {b} {c} {}\n", label(points[*a])));
     }
     std::fs::write(at.join("in.ply"), text).unwrap();
     let said = expect(at, "simplify in.ply out.ply --ratio 10% --format ascii", 0);

@@ -100,8 +100,8 @@ mod tests {
                 let mean = |k: usize| {
                     square.clone().map(|pixel| u32::from(pixel[k])).sum::<u32>() / (side * side)
                 };
-                for k in 0..3 {
-                    assert!(mean(k).abs_diff(pixel[k].into()) < 12, "{halvings} {x} {y} {k}");
+                for (k, &value) in pixel.iter().enumerate().take(3) {
+                    assert!(mean(k).abs_diff(value.into()) < 12, "{halvings} {x} {y} {k}");
                 }
             }
         }
