@@ -117,6 +117,8 @@ impl<'a> Display<'a> {
         let rate = match stage.name {
             READ => format!("{}/s, ", show_bytes(per_second as u64)),
             name if has_own_pace(name) => String::new(),
+            // Cells are counted when they are whole: until the first of them is, there is no rate.
+            _ if per_second < 1.0 => String::new(),
             _ => format!("{} triangles/s, ", show_count(per_second as u64)),
         };
         // Of the whole run, never all of it while it goes on; the same for the time.

@@ -31,8 +31,9 @@ const PILOT: f64 = 0.2;
 const FINISH: [f64; 2] = [0.2, 0.18];
 const FIT: f64 = 2.0;
 const RECORD: f64 = 1.1;
-/// Of a verified result: for the input, and for the output.
-const VERIFY: [f64; 2] = [1.2, 5.0];
+/// Of a verified result: for its samples, for the input, and for the output.
+const VERIFY_SAMPLES: f64 = 2.4;
+const VERIFY: [f64; 2] = [0.65, 5.0];
 /// Of the points of the original that `--optimize` moves a result towards, and of a sweep over them.
 const POINTS: f64 = 0.5;
 const SWEEP: f64 = 3.5;
@@ -45,7 +46,7 @@ const WITH_PROPERTIES: f64 = 1.9;
 /// Times as long where charts have seams, their way to vertices included.
 const WITH_SEAMS: f64 = 8.0;
 /// Times as long under `--no-self-intersections`.
-const APART: f64 = 4.6;
+const APART: f64 = 2.8;
 /// Times as long within a bound on the error (docs/results/bound.md).
 const BOUNDED: f64 = 30.0;
 
@@ -97,7 +98,8 @@ pub(super) fn of_run(course: &Course, source: &MeshSource, config: &Config) -> V
     }
     if config.checks.verify {
         let [input, output] = VERIFY;
-        let seconds = input * million(course.triangles_in) + output * million(course.targets[0]);
+        let of_meshes = input * million(course.triangles_in) + output * million(course.targets[0]);
+        let seconds = VERIFY_SAMPLES + of_meshes;
         stages.push(("measure", 0.6 * seconds / threads));
         stages.push(("certify", 0.4 * seconds / threads));
     }
