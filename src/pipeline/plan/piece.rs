@@ -9,7 +9,7 @@ use std::collections::HashMap;
 /// Triangles of a piece at most.
 const PIECE: usize = 40_000;
 /// A piece with more vertices a triangle is in pieces itself, and says nothing.
-const LOOSE: f64 = 0.8;
+const LOOSE: f64 = 0.6;
 /// Inputs with fewer triangles are not worth a look at what a bound leaves of them.
 const BOUNDED_FROM: u64 = 100_000;
 
