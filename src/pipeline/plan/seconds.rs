@@ -123,7 +123,7 @@ pub(super) fn of_run(course: &Course, source: &MeshSource, config: &Config) -> V
     if all > SAMPLE_FROM {
         let pace = pace(source).unwrap_or(1.0);
         stages.iter_mut().for_each(|(name, seconds)| {
-            let is_kernel = ["simplify", "round", "finish", "pairs", "optimize"].contains(name);
+            let is_kernel = ["simplify", "round", "finish", "pairs"].contains(name);
             *seconds *= if is_kernel { pace } else { pace.min(MOST_MACHINE) };
         });
     }
