@@ -32,7 +32,9 @@ pub(crate) enum ReadyJob {
 pub(crate) fn prepare(config: &Config, progress: &Progress) -> Result<ReadyJob> {
     match config.method {
         Method::Collapse => {
-            pipeline::prepare(config).map(|ready| ReadyJob::Collapse(Box::new(ready)))
+            let mut ready = pipeline::prepare(config)?;
+            ready.plan.refine(&ready.source, &ready.config)?;
+            Ok(ReadyJob::Collapse(Box::new(ready)))
         }
         _ => methods::prepare(config, progress).map(|ready| ReadyJob::Method(Box::new(ready))),
     }

@@ -95,9 +95,7 @@ impl Plan {
             return Err(too_little(config, needed, works > tables, usable, works));
         }
         let (triangles_in, target) = (course.triangles_in, course.targets[0]);
-        let within = piece::share_within_bound(source, config)
-            .map(|share| (share * triangles_in as f64) as u64);
-        let written = within.unwrap_or(0).max(target).min(triangles_in);
+        let written = target.min(triangles_in);
         let (mut output_bytes, spool_bytes) =
             output(source, config, course.vertices(written), written)?;
         // Finer levels are there while coarser ones are made.
@@ -142,6 +140,24 @@ impl Plan {
             bake: None,
             rounds: course.rounds,
         })
+    }
+
+    /// Fits what is told of seconds and of a result within a bound to a piece of the input, which is simplified for that. What is
+    /// refused does not depend on it, so it is for those who show the plan: not for each trial or unit of a job.
+    pub fn refine(&mut self, source: &MeshSource, config: &Config) -> Result<()> {
+        seconds::refine(&mut self.stage_seconds, source);
+        self.seconds = self.stage_seconds.iter().map(|(_, seconds)| seconds).sum();
+        if let Some(share) = piece::share_within_bound(source, config) {
+            let within = ((share * self.triangles_in as f64) as u64).max(self.target);
+            let bytes = |triangles: u64| -> Result<u64> {
+                let per_triangle = source.n_vertices() as f64 / self.triangles_in.max(1) as f64;
+                let vertices = (triangles as f64 * per_triangle) as u64;
+                Ok(output(source, config, vertices, triangles)?.0)
+            };
+            let [planned, expected] = [self.target, within].map(|n| n.min(self.triangles_in));
+            self.add_output_bytes(bytes(expected)?.saturating_sub(bytes(planned)?));
+        }
+        Ok(())
     }
 
     /// Adds what the output holds beside its mesh, or in files beside it.

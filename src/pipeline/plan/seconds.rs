@@ -7,7 +7,7 @@
 use super::ledger::Course;
 use super::piece::piece;
 use super::steps::FinishPlan;
-use crate::config::{Config, Target};
+use crate::config::Config;
 use crate::io::OutputKind;
 use crate::io::ply::MeshSource;
 use crate::kernel::{self, Fit, Options, Stop};
@@ -119,15 +119,18 @@ pub(super) fn of_run(course: &Course, source: &MeshSource, config: &Config) -> V
         stages.push(("pairs", PAIRS * output));
         stages.extend(shape);
     }
-    let all: f64 = stages.iter().map(|(_, seconds)| seconds).sum();
-    if all > SAMPLE_FROM {
-        let pace = pace(source).unwrap_or(1.0);
-        stages.iter_mut().for_each(|(name, seconds)| {
-            let is_kernel = ["simplify", "round", "finish", "pairs"].contains(name);
-            *seconds *= if is_kernel { pace } else { pace.min(MOST_MACHINE) };
-        });
-    }
     stages
+}
+
+/// Fits the seconds of a run that takes a while to this surface and this machine.
+pub(super) fn refine(stages: &mut [StageSeconds], source: &MeshSource) {
+    let all: f64 = stages.iter().map(|(_, seconds)| seconds).sum();
+    let pace = if all > SAMPLE_FROM { pace(source) } else { None };
+    for (name, seconds) in stages {
+        let is_kernel = ["simplify", "round", "finish", "pairs"].contains(name);
+        let pace = pace.unwrap_or(1.0);
+        *seconds *= if is_kernel { pace } else { pace.min(MOST_MACHINE) };
+    }
 }
 
 fn of_finish(finish: &FinishPlan, course: &Course, config: &Config) -> f64 {
@@ -152,7 +155,7 @@ fn times(source: &MeshSource, config: &Config) -> f64 {
     if config.kernel.no_self_intersections {
         times *= APART;
     }
-    if config.kernel.bound.is_some() || matches!(config.target, Target::MaxError(_)) {
+    if config.kernel.bound.is_some() {
         times *= BOUNDED;
     }
     times
