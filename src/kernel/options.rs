@@ -92,7 +92,7 @@ pub struct Options {
 }
 
 /// Times that the nearest triangles are found and the vertices moved where the stop is a count. One leaves 5 % more
-/// error on the samples, a third gains 1 to 3 % for half as much time again (docs/results/kernel.md, "The fit").
+/// error on the samples, a third gains 1 to 3 % for half as much time again (docs/design/kernel.md, "The fit").
 /// Rounds do one: each begins from what the one before has fitted.
 const SWEEPS: u64 = 2;
 

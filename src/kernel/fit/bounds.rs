@@ -15,7 +15,7 @@ use stonecut_mesh::vec3::{add, cross, dot, scale, sub};
 const TRUST: f32 = 0.02;
 /// No vertex goes farther from the triangles that were around it than this many times the RMS of the
 /// samples. Without that bound single vertices ran off creases, by 20 times the RMS; 2 to 10 differ by less
-/// than 0.5 % in RMS (docs/results/kernel.md, "The fit").
+/// than 0.5 % in RMS (docs/design/kernel.md, "The fit").
 const MAX_OFF: f64 = 3.0;
 /// No triangle turns further than this cosine (25 degrees) in the whole fit: at 60 degrees a sweep the
 /// error is the same, but triangles end up facing against the original (terrain: 26 instead of 11).

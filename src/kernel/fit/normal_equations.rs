@@ -9,10 +9,10 @@ use stonecut_mesh::vec3::{add, dot, scale, sub};
 pub(super) type V = [f32; 3];
 
 /// Steps of conjugate gradients a sweep. With three the samples are 0.6 % farther off, with six nothing is
-/// gained (docs/results/kernel.md, "The fit").
+/// gained (docs/design/kernel.md, "The fit").
 const STEPS: usize = 4;
 /// Share of a vertex' trace that is added to its diagonal. 1e-2 costs 9 % of error at 10 % kept, 1e-3 0.5
-/// %; 1e-4 gains 0.2 % at most (docs/results/kernel.md, "The fit").
+/// %; 1e-4 gains 0.2 % at most (docs/design/kernel.md, "The fit").
 const DAMPING: f32 = 3e-4;
 
 /// Terms of one triangle from its samples: sums of weight times products of barycentric weights (00, 01,

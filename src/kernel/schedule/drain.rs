@@ -30,7 +30,7 @@ const MAX_FAILURES: u8 = 3;
 /// way, dirty ones too, 25 to 56 % of the triangles are left then.
 const STALL_COST: f32 = 16.0;
 /// A drain has stalled if fewer than one in this many triangles went meanwhile. A building scan that was
-/// pressed on from there tripled its error with a seventh of its triangles gone (docs/results/kernel.md).
+/// pressed on from there tripled its error with a seventh of its triangles gone (docs/design/kernel.md).
 const STALL_SHARE: u64 = 3;
 /// A mesh of fewer triangles is pressed on in any case: what is left of a thin tube goes piece by piece.
 const NEVER_STALLS: u64 = 256;

@@ -28,7 +28,7 @@ const PILOT_STEP: f64 = 2.0;
 const PILOT_LEVELS: i32 = 80;
 
 /// A cell on its way down takes one level for each fall of the count by this factor: levels so far apart cost
-/// nothing in error (docs/results/kernel.md).
+/// nothing in error (docs/design/kernel.md).
 const LEVEL_FACTOR: f64 = 4.0;
 
 /// A cell of which half is gone has come to its end when this many levels one after the other, together a factor
