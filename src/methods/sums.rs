@@ -6,7 +6,7 @@ use stonecut_mesh::eigen::eigen;
 use stonecut_mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub};
 
 /// Singular values below this share of the largest one count as 0: across them the point stays at the mean
-/// (Lindstrom 2000, section 3.2). 0.02 costs 13 % of error on a noisy scan (docs/results/methods.md).
+/// (Lindstrom 2000, section 3.2). 0.02 costs 13 % of error on a noisy scan (docs/design/methods.md).
 pub(super) const LEAST_SINGULAR: f64 = 0.001;
 
 /// Farthest that the point lies from the centre of its cell along an axis: half a cell beyond the walls. At the walls

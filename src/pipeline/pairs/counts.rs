@@ -8,7 +8,7 @@ use crate::system::memory::BASE_BYTES;
 use crate::system::units::{show_bytes, show_count};
 
 /// Triangles of the first collapse, for each one that is wanted. Contracting from 8 to 4 times the target, then collapsing, left a
-/// third less error than contracting down to the target (docs/results/methods.md).
+/// third less error than contracting down to the target (docs/design/methods.md).
 const BEFORE: u64 = 8;
 
 /// Triangles on the way.
