@@ -38,6 +38,11 @@ impl FromArgMatches for InOut {
     fn from_arg_matches(matches: &ArgMatches) -> std::result::Result<Self, clap::Error> {
         let paths = matches.get_many::<PathBuf>(ID).into_iter().flatten();
         let mut paths: Vec<PathBuf> = paths.cloned().collect();
+        // Two meshes are compared, or one is read and one written.
+        let (missing, example) = match matches.try_contains_id("samples") {
+            Ok(_) => ("simplified mesh", "stonecut measure scan.ply small.ply"),
+            Err(_) => ("path of the result", "scan.ply small.ply"),
+        };
         match paths.pop() {
             Some(output) if !paths.is_empty() => {
                 let memory = matches.try_get_one("memory").ok().flatten().copied();
@@ -45,8 +50,12 @@ impl FromArgMatches for InOut {
                 let input = InputPaths::from(paths).within(memory);
                 Ok(InOut { input: input.skipping_missing(skips.unwrap_or(false)), output })
             }
-            _ => {
-                let what = "the following required arguments were not provided:\n  <OUTPUT>";
+            only => {
+                let only = only.unwrap_or_default();
+                let what = format!(
+                    "{} is the only path that was given: the {missing} comes last and is missing; for example: {example}",
+                    only.display()
+                );
                 Err(clap::Error::raw(ErrorKind::MissingRequiredArgument, what))
             }
         }

@@ -45,7 +45,26 @@ fn parse_list<T: PartialOrd>(
     }
 }
 
+/// True for one number with commas between its thousands: no level has leading zeros, and levels are typed falling.
+fn is_grouped(text: &str) -> bool {
+    let mut groups = text.split(',');
+    let is_digits = |group: &str| group.bytes().all(|byte| byte.is_ascii_digit());
+    let first = groups.next().unwrap_or_default();
+    let mut next = groups.clone().peekable();
+    let number = |group: &str| group.parse::<u64>().ok();
+    let is_rising = next.peek().is_some_and(|second| number(second) > number(first));
+    (1..=3).contains(&first.len())
+        && is_digits(first)
+        && next.peek().is_some()
+        && groups.clone().all(|group| group.len() == 3 && is_digits(group))
+        && (is_rising || groups.any(|group| group.starts_with('0')))
+}
+
 fn parse_counts(text: &str) -> std::result::Result<ListedValues<u64>, String> {
+    if is_grouped(text) {
+        let number = text.replace(',', "");
+        return Err(format!("a comma separates levels; write one number without commas: {number}"));
+    }
     parse_list(text, |word| match parse_count(word)? {
         0 => Err("a mesh of 0 triangles is none; ask for at least 1".to_owned()),
         count => Ok(count),
@@ -150,6 +169,12 @@ mod tests {
         for bad in ["4M,4000k", "4M,", "0,5", "1,x"] {
             assert!(parse_counts(bad).is_err(), "{bad}");
         }
+        for (bad, number) in [("10,000", "10000"), ("1,234,567", "1234567"), ("250,000", "250000")]
+        {
+            let said = parse_counts(bad).unwrap_err();
+            assert!(said.ends_with(&format!(": {number}")), "{said}");
+        }
+        assert!(parse_counts("500,100").is_ok() && parse_counts("900").is_ok());
         assert!(parse_ratios("10%,0.1").is_err());
     }
 }

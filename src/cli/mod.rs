@@ -116,7 +116,14 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
                     std::time::Instant::now(),
                 );
             }
-            print_typed(&error, &words);
+            // What was not said by clap has no use for the words on how to type a command.
+            match error.context().next() {
+                None if error.use_stderr() => {
+                    let error = arguments::usage(&error);
+                    complain(&mut std::io::stderr(), Show::None, &error, Offers::default());
+                }
+                _ => print_typed(&error, &words),
+            }
             return if error.use_stderr() { 2 } else { 0 };
         }
     };

@@ -158,10 +158,11 @@ pub(super) fn stage_line(stage: &StageReport) -> String {
 fn unbearable_line(quality: &QualityReport) -> String {
     let QualityReport { error_per_edge, share_against, sensible_triangles, .. } = quality;
     format!(
-        "too few triangles for this scan: the error (about {:.2e}) is {:.0} % of the mean edge, and {:.0} % of the \
-         surface faces the wrong way; ask for at least {} triangles",
+        "too few triangles for this scan: the error (about {:.2e}) is {:.0} % of the mean edge and {:.1} % of the size \
+         (the root of the area), {:.0} % of the surface faces the wrong way; ask for at least {} triangles",
         quality.rms_estimate,
         100.0 * error_per_edge,
+        100.0 * quality.error_of_size,
         100.0 * share_against,
         show_count(*sensible_triangles)
     )

@@ -119,8 +119,13 @@ fn read(path: &Path, memory_bytes: u64) -> Result<Value> {
     if needed > most {
         return Err(too_large(needed));
     }
-    let report: Value = serde_json::from_slice(&text)
-        .map_err(|e| Error::bad_input(path, format!("not a JSON report: {e}")))?;
+    let report: Value = serde_json::from_slice(&text).map_err(|e| {
+        let what = match e.is_eof() {
+            true => "not a report: its JSON is cut off, is the run still going on? Give".to_owned(),
+            false => format!("not a report: no JSON (line {}); give", e.line()),
+        };
+        Error::bad_input(path, format!("{what} what simplify or measure wrote with --report"))
+    })?;
     let is_report = ["input", "original"].iter().any(|key| report.get(key).is_some());
     match is_report {
         true => Ok(report),

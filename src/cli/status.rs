@@ -1,6 +1,7 @@
 //! `stonecut status`: what a job folder holds.
 
 use super::answer::CommandEnd;
+use super::arguments::job_folder;
 use super::pace::MOST_DONE;
 use super::session::{Command, Session};
 use super::terminal::shown;
@@ -8,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::pipeline::units::{Standing, standing};
 use crate::store::job::units::UnitJob;
 use crate::store::job::{look, view};
-use crate::system::disk::Disk;
+use crate::system::disk::{Disk, note_of};
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
@@ -22,7 +23,7 @@ use std::time::Duration;
 /// Shows what a job folder belongs to and which stages, or units of `plan`, are done.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The job folder: OUTPUT.stonecut-job by default, JOBDIR of `plan`.
+    /// The job folder: OUTPUT.stonecut-job by default, JOBDIR of `plan`; or OUTPUT.
     folder: PathBuf,
     /// Print JSON.
     #[arg(long)]
@@ -37,12 +38,76 @@ const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 impl Command for Args {
     fn paths(&self) -> Result<Paths> {
-        Ok(Paths::default().with(Role::InputFolder, "JOBDIR", &self.folder))
+        let folder = self.place()?;
+        match folder.exists() {
+            true => Ok(Paths::default().with(Role::InputFolder, "JOBDIR", &folder)),
+            false => Ok(Paths::default()),
+        }
     }
 
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {
-        show(self, session.progress).map(|()| CommandEnd::plain())
+        let args = Args { folder: self.place()?, ..*self };
+        match args.folder.exists() {
+            true => show(&args, session.progress),
+            false => show_finished(&args),
+        }
+        .map(|()| CommandEnd::plain())
     }
+}
+
+impl Args {
+    /// The job folder, also where the output was typed.
+    fn place(&self) -> Result<PathBuf> {
+        match self.folder.is_file() {
+            true => job_folder(&self.folder, None),
+            false => Ok(self.folder.clone()),
+        }
+    }
+}
+
+/// Returns whether the output of a job stands.
+fn stands(output: &Path) -> bool {
+    note_of(output).is_some() || output.join("tileset.json").is_file()
+}
+
+/// Prints that a job is over, whose folder went with its end.
+///
+/// Errors: `BadInput` where nothing says that there was one.
+fn show_finished(args: &Args) -> Result<()> {
+    let name = args.folder.to_string_lossy().into_owned();
+    let output = name.strip_suffix(".stonecut-job").filter(|output| stands(Path::new(output)));
+    let Some(output) = output else {
+        let what = "there is no such job: simplify and tiles have OUTPUT.stonecut-job while they run and after they were \
+                    stopped (below --temp-dir, if that was given), and 'stonecut plan JOBDIR' makes one for many machines";
+        return Err(Error::bad_input(&args.folder, what));
+    };
+    say(&match args.json {
+        true => format!(
+            "{:#}\n",
+            serde_json::json!({
+                "schema_version": SCHEMA_VERSION, "version": env!("CARGO_PKG_VERSION"),
+                "is_running": false, "is_over": true, "output": output,
+            })
+        ),
+        false => {
+            format!("output  {}\nfinished; its job folder was removed at the end\n", shown(output))
+        }
+    })
+}
+
+/// A stage that is done, in words; `None` for what is only noted on the way.
+fn in_words(stage: &str) -> Option<(u32, String)> {
+    let (name, number) = stage.split_once(' ').unwrap_or((stage, ""));
+    let (place, words) = match (name, number.parse::<u32>()) {
+        ("partition", _) if number.is_empty() => (0, "input cut into cells"),
+        ("components", _) => (1, "components found"),
+        ("round", Ok(0)) => (2, "cells simplified"),
+        ("round", Ok(n)) => return Some((2 + n, format!("cells simplified in round {n}"))),
+        ("finish", _) => (u32::MAX - 1, "cells joined and brought to the target"),
+        ("writing", _) => (u32::MAX, "result begun to be written"),
+        _ => return None,
+    };
+    Some((place, words.to_owned()))
 }
 
 /// Prints the status on standard output.
@@ -83,19 +148,23 @@ fn show(args: &Args, progress: &Progress) -> Result<()> {
         for (name, value) in &state.identity.settings {
             text += &format!("{:15} {}\n", shown(name), shown(&value.to_string()));
         }
-        text += &match done.as_slice() {
-            [] => "done    nothing yet\n".to_owned(),
-            names => {
-                let names: Vec<&str> = names.iter().map(|name| name.as_str()).collect();
-                format!("done    {}\n", shown(&names.join(", ")))
-            }
+        let mut words: Vec<_> = done.iter().filter_map(|name| in_words(name)).collect();
+        words.sort();
+        let words: Vec<String> = words.into_iter().map(|(_, words)| words).collect();
+        text += &match words.as_slice() {
+            [] => "done    nothing that lasts\n".to_owned(),
+            words => format!("done    {}\n", words.join(", ")),
         };
         if let Some(output) = run.board["output"].as_str() {
             text += &format!("output  {output}\n");
         }
-        text += &match run.is_running {
-            true => format!("running {}\n", run.line()),
-            false => "stopped; continue by running the same command again\n".to_owned(),
+        let is_written = state.outcomes.contains_key("writing");
+        let output =
+            run.board["output"].as_str().filter(|output| is_written && stands(Path::new(output)));
+        text += &match (run.is_running, output) {
+            (true, _) => format!("running {}\n", run.line()),
+            (false, Some(_)) => "finished; the job folder was kept\n".to_owned(),
+            (false, None) => "stopped; continue by running the same command again\n".to_owned(),
         };
         text
     };

@@ -111,7 +111,7 @@ fn attempt(args: &Args, session: &mut Session) -> Result<()> {
     let (disk, patience) = (Disk::default(), Duration::from_secs(args.wait));
     let job = UnitJob::new(&args.folder, &disk, patience);
     job.check_own()?;
-    let frozen = job.frozen(progress)?;
+    let frozen = session.watch(|| job.frozen(progress))?;
     let (config, report) = settings(args, &frozen, session.line)?;
     let task = Task {
         folder: &args.folder,

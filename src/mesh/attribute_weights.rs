@@ -23,23 +23,22 @@ const SEAM_SHARE: f64 = 0.002;
 /// Stride over the triangles and vertices of a sampled piece of mesh.
 const STRIDE: usize = 8;
 
-/// Weights of kinds of attributes and of named properties.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Weights {
-    /// All colours.
-    pub colour: f64,
-    /// Normals.
-    pub normal: f64,
-    /// Texture coordinates.
-    pub texture: f64,
-    /// Other properties by name; those not named ride along.
-    pub named: Vec<(String, f64)>,
-}
+/// Kinds of attributes, with the weight of each where none was typed; other properties ride along.
+static KINDS: [(&str, ChannelKind, f64); 3] = [
+    ("color", ChannelKind::Colour, 1.0),
+    ("normal", ChannelKind::Normal, 0.0),
+    ("uv", ChannelKind::Texture, 1.0),
+];
 
-impl Default for Weights {
-    /// Colours and texture coordinates count, the rest rides along.
-    fn default() -> Self {
-        Weights { colour: 1.0, normal: 0.0, texture: 1.0, named: Vec::new() }
+/// Weights of kinds of attributes and of named properties, as they were typed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Weights(Vec<(String, f64)>);
+
+/// The name of channels of a kind, if they can have a weight.
+fn name_of(kind: &ChannelKind) -> Option<&str> {
+    match kind {
+        ChannelKind::Scalar(name) => Some(name),
+        _ => KINDS.iter().find(|(_, known, _)| known == kind).map(|(name, ..)| *name),
     }
 }
 
@@ -61,11 +60,9 @@ impl std::str::FromStr for Weights {
                 return Err(bad());
             }
             match name.trim() {
-                "color" | "colour" => weights.colour = weight,
-                "normal" => weights.normal = weight,
-                "uv" => weights.texture = weight,
+                "colour" => weights.0.push(("color".to_owned(), weight)),
                 "" => return Err(bad()),
-                name => weights.named.push((name.to_owned(), weight)),
+                name => weights.0.push((name.to_owned(), weight)),
             }
         }
         Ok(weights)
@@ -74,37 +71,46 @@ impl std::str::FromStr for Weights {
 
 impl std::fmt::Display for Weights {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "color={},normal={},uv={}", self.colour, self.normal, self.texture)?;
-        self.named.iter().try_for_each(|(name, weight)| write!(f, ",{name}={weight}"))
+        let [color, normal, uv] = KINDS.each_ref().map(|(name, ..)| self.of(name));
+        write!(f, "color={color},normal={normal},uv={uv}")?;
+        let is_kind = |name: &str| KINDS.iter().any(|(kind, ..)| *kind == name);
+        let named = self.0.iter().filter(|(name, _)| !is_kind(name));
+        named.into_iter().try_for_each(|(name, weight)| write!(f, ",{name}={weight}"))
     }
 }
 
 impl Weights {
+    fn of(&self, name: &str) -> f64 {
+        let kind = || KINDS.iter().find(|(kind, ..)| *kind == name).map_or(0.0, |kind| kind.2);
+        self.0.iter().rev().find(|(typed, _)| typed == name).map_or_else(kind, |typed| typed.1)
+    }
+
     /// The weight of each channel; 0 for one that rides along.
     pub fn of_channels(&self, channel_kinds: &[ChannelKind]) -> Vec<f64> {
-        let named = |name: &str| self.named.iter().rev().find(|(n, _)| n == name).map(|n| n.1);
-        let weight = |meaning: &ChannelKind| match meaning {
-            ChannelKind::Colour => self.colour,
-            ChannelKind::Normal => self.normal,
-            ChannelKind::Texture => self.texture,
-            ChannelKind::Scalar(name) => named(name).unwrap_or(0.0),
-            ChannelKind::Region | ChannelKind::Label | ChannelKind::LowBits => 0.0,
-        };
-        channel_kinds.iter().map(weight).collect()
+        channel_kinds.iter().map(|kind| name_of(kind).map_or(0.0, |name| self.of(name))).collect()
     }
 
     /// Cost of moving a seam of the texture, as a share of that of moving a boundary of the surface.
     pub fn seam_share(&self) -> f32 {
-        (SEAM_SHARE * self.texture).min(1.0) as f32
+        (SEAM_SHARE * self.of("uv")).min(1.0) as f32
     }
 
-    /// Refuses the name of a property that is not there, or that is a label.
+    /// Refuses a weight of what is not there, or is a label; colours, normals and texture coordinates that are not there may count
+    /// nothing.
     pub fn check(&self, channel_kinds: &[ChannelKind]) -> Result<(), String> {
-        let is_scalar = |name: &String| channel_kinds.contains(&ChannelKind::Scalar(name.clone()));
-        match self.named.iter().find(|(name, _)| !is_scalar(name)) {
+        let mut there: Vec<&str> = channel_kinds.iter().filter_map(name_of).collect();
+        there.dedup();
+        let is_nothing =
+            |name: &str| KINDS.iter().any(|(kind, ..)| *kind == name) && self.of(name) == 0.0;
+        let mut missing = self.0.iter().filter(|(name, _)| !there.contains(&name.as_str()));
+        match missing.find(|(name, _)| !is_nothing(name)) {
             None => Ok(()),
             Some((name, _)) => Err(format!(
-                "--weight {name}: the vertices have no such number that can be averaged"
+                "--weight {name}: the vertices have no such number that can be averaged; {}",
+                match there.as_slice() {
+                    [] => "they have positions alone: leave --weight out".to_owned(),
+                    there => format!("they have {}", there.join(", ")),
+                }
             )),
         }
     }
@@ -196,7 +202,14 @@ mod tests {
             [ChannelKind::Colour, ChannelKind::Scalar("quality".into()), ChannelKind::LowBits];
         assert_eq!(weights.of_channels(&channel_kinds), [0.5, 2.0, 0.0]);
         assert!(weights.check(&channel_kinds).is_ok());
-        assert!(weights.check(&channel_kinds[..1]).is_err());
+        let said = weights.check(&channel_kinds[..1]).expect_err("no quality");
+        assert!(
+            said.starts_with("--weight quality:") && said.ends_with("they have color"),
+            "{said}"
+        );
+        let said = weights.check(&[]).expect_err("no colours");
+        assert!(said.starts_with("--weight color:"), "{said}");
+        assert!(Weights::default().check(&[]).is_ok());
         for bad in ["color", "color=-1", "=1", "color=NaN", "color=x"] {
             assert!(bad.parse::<Weights>().is_err(), "{bad}");
         }

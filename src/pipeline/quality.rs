@@ -21,6 +21,10 @@ const MOST_AGAINST: f64 = 0.1;
 const MOST_ERROR_OF_SIZE: f64 = 0.02;
 /// A count that is named to those who asked for too few is at least this multiple of theirs.
 const CLEARLY_MORE: f64 = 1.25;
+/// Below this count the error of a result does not fall steadily (two spheres of 12 triangles have more than of 8), and a count that
+/// is named is this multiple of the estimate.
+const FEW: f64 = 100.0;
+const MORE_OF_FEW: f64 = 2.0;
 
 /// State of the surface at one count of triangles.
 #[derive(Clone, Copy, Debug)]
@@ -97,6 +101,7 @@ impl QualityCurve {
             rms_estimate: self.mean_square.sqrt(),
             mean_edge: self.mean_edge,
             error_per_edge: self.error_per_edge,
+            error_of_size: last.map_or(0.0, |point| point.error_of_size),
             share_against: self.share_against.min(1.0),
             bearable,
             sensible_triangles: if bearable {
@@ -107,9 +112,23 @@ impl QualityCurve {
         }
     }
 
+    /// The least count that surely is good: where few triangles are enough, with a margin.
+    fn least_count(&self, n_input: u64) -> u64 {
+        match self.count_at_limit(n_input).max(self.count_of_size()) {
+            count if (count as f64) < FEW => (MORE_OF_FEW * count as f64).ceil() as u64,
+            count => count,
+        }
+    }
+
+    /// The count at which the error is no longer too large for the size of the surface; it grows as the count falls.
+    fn count_of_size(&self) -> u64 {
+        let bad = self.points.iter().find(|point| point.error_of_size > MOST_ERROR_OF_SIZE);
+        bad.map_or(0, |p| two_digits_up(p.triangles as f64 * p.error_of_size / MOST_ERROR_OF_SIZE))
+    }
+
     /// The count at which error over edge passes the limit: linear in logarithms between two estimates. Where none
     /// is good, from the first one; the ratio grows about as the root of the count falls.
-    fn least_count(&self, n_input: u64) -> u64 {
+    fn count_at_limit(&self, n_input: u64) -> u64 {
         let Some(good) = self.points.iter().rev().find(|point| point.is_good()) else {
             let (n, x) =
                 self.points.first().map_or((n_input, 0.0), |p| (p.triangles, p.error_per_edge));
@@ -129,7 +148,7 @@ impl QualityCurve {
 }
 
 /// Rounds up to two digits: more would promise too much.
-fn two_digits_up(count: f64) -> u64 {
+pub(super) fn two_digits_up(count: f64) -> u64 {
     let step = 10f64.powf(count.max(1.0).log10().floor() - 1.0).max(1.0);
     ((count / step).ceil() * step) as u64
 }
@@ -227,6 +246,16 @@ mod tests {
         curve.add_round(&[], quality, 10);
         let report = curve.judge(1000);
         assert!(!report.bearable && report.sensible_triangles == 1000, "{report:?}");
+    }
+
+    #[test]
+    fn few_triangles_that_are_named_are_enough() {
+        // The error, about 1 over the count, is 0.024 of the size at 10: it is 0.02 at 12.
+        let mut curve = QualityCurve::default();
+        curve.add_round(&[at(100_000, 2.4e-6)], at(10, 0.024).quality, 10);
+        let report = curve.judge(1_000_000);
+        assert!(!report.bearable && report.sensible_triangles == 24, "{report:?}");
+        assert_eq!(curve.judge(12).sensible_triangles, 12, "all that there is");
     }
 
     #[test]

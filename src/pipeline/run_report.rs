@@ -446,6 +446,8 @@ pub struct QualityReport {
     pub mean_edge: f64,
     /// The one over the other.
     pub error_per_edge: f64,
+    /// The error over the root of the input's area, the largest on the way.
+    pub error_of_size: f64,
     /// Share of the input's area that faces against the result where it is nearest, 0 to 1.
     pub share_against: f64,
     /// True if the result can stand for the input; false where it has come apart into shards.
@@ -461,6 +463,7 @@ impl Default for QualityReport {
             rms_estimate: 0.0,
             mean_edge: 0.0,
             error_per_edge: 0.0,
+            error_of_size: 0.0,
             share_against: 0.0,
             bearable: true,
             sensible_triangles: 0,

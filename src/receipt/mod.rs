@@ -180,10 +180,15 @@ impl Receipt {
     pub(crate) fn read(path: &Path) -> Result<(Receipt, Vec<u8>, Vec<String>)> {
         let bad = |what: String| Error::bad_input(path, what);
         let bytes = read_regular(path, MOST_BYTES).map_err(|e| bad(format!("cannot read: {e}")))?;
-        let receipt: Receipt = serde_json::from_slice(&bytes).map_err(|e| {
-            bad(format!(
-                "not a receipt: {e}; give what simplify or tiles wrote with --receipt, unchanged"
-            ))
+        let receipt: Receipt = serde_json::from_slice(&bytes).map_err(|_| {
+            let found = match serde_json::from_slice::<Value>(&bytes) {
+                Ok(Value::Object(keys)) if keys.contains_key("about") => {
+                    "it has been edited, or is of another version"
+                }
+                Ok(_) => "it is JSON of another kind",
+                Err(_) => "it is not JSON",
+            };
+            bad(format!("not a receipt: {found}; give what simplify or tiles wrote with --receipt, unchanged"))
         })?;
         if receipt.about != ABOUT {
             return Err(bad(format!(

@@ -3,6 +3,10 @@
 /// Parses a count: `4M`, `500k`, `1.5G`, `20000`. Powers of 1000; a fraction of one is refused.
 pub fn parse_count(text: &str) -> Result<u64, String> {
     let (number, suffix) = split(text);
+    // Some put a dot between thousands.
+    if suffix.is_empty() && number.rsplit_once('.').is_some_and(|(_, end)| end.len() == 3) {
+        return Err(format!("invalid count '{text}': write {}", number.replace('.', "")));
+    }
     let factor = match suffix {
         "" => 1.0,
         "k" | "K" => 1e3,
@@ -174,7 +178,7 @@ mod tests {
         assert_eq!(parse_bytes("0.1KiB"), Ok(102));
         assert_eq!(show_length(0.2), "0.2");
         assert_eq!(show_length(1e300), "1e300");
-        for wrong in ["1.5", "0.3", "1.2345k", "1e-3"] {
+        for wrong in ["1.5", "0.3", "1.2345k", "1e-3", "10.000"] {
             assert!(parse_count(wrong).is_err(), "{wrong}");
         }
         assert!(parse_bytes("1.5").is_err());

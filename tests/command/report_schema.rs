@@ -429,6 +429,13 @@ fn a_run_that_is_done_is_not_done_again() {
     // Without a report the output itself has a note.
     expect(out, "simplify in.ply o.ply --ratio 10% --force", 0);
     assert!(expect(out, "simplify in.ply o.ply --ratio 10%", 0).contains("already done"));
+    // Its job folder is gone, and its status known for all that.
+    for place in ["o.ply", "o.ply.stonecut-job"] {
+        let said = run(out, &format!("status {place}")).stdout;
+        assert!(String::from_utf8_lossy(&said).contains("o.ply\nfinished"), "{place}");
+        assert_eq!(printed(out, &format!("status {place} --json"))["is_over"], true);
+    }
+    assert!(expect(out, "status none.stonecut-job", 4).contains("there is no such job"));
     let mapped = "simplify in.ply p.ply --ratio 10% --map m.npy";
     expect(out, mapped, 0);
     assert!(expect(out, mapped, 0).contains("already done"));

@@ -80,3 +80,47 @@ fn fewer_triangles_of_a_sponge_are_never_judged_better() {
     }
     assert!(judged.is_sorted() && !judged[0] && judged[5], "{judged:?}");
 }
+
+#[test]
+fn the_count_that_is_named_is_enough_at_the_first_try() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    let axes = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let ends = [[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]];
+    let octahedron =
+        [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]];
+    let mut points: Vec<[f64; 3]> = axes.into_iter().chain(ends).collect();
+    let mut triangles = octahedron.to_vec();
+    write_ply(&out.join("octahedron.ply"), Scalar::F64, &points, &triangles);
+    // Cut three times and blown up: a sphere; and another beside it.
+    for _ in 0..3 {
+        let mut finer = Vec::new();
+        for [a, b, c] in triangles {
+            let mut middle = |i: u32, j: u32| {
+                let [p, q] = [i, j].map(|v| points[v as usize]);
+                let sum = [p[0] + q[0], p[1] + q[1], p[2] + q[2]];
+                let length = sum.iter().map(|x| x * x).sum::<f64>().sqrt();
+                points.push(sum.map(|x| x / length));
+                points.len() as u32 - 1
+            };
+            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+            finer.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        }
+        triangles = finer;
+    }
+    let n = points.len() as u32;
+    points.extend(points.clone().iter().map(|p| [p[0] + 3.0, p[1], p[2]]));
+    triangles.extend(triangles.clone().iter().map(|t| t.map(|v| v + n)));
+    write_ply(&out.join("spheres.ply"), Scalar::F64, &points, &triangles);
+    for (name, count) in [("octahedron", 4), ("octahedron", 6), ("spheres", 4), ("spheres", 9)] {
+        let ask = |count: u64, code| {
+            let command =
+                format!("simplify {name}.ply out.ply --triangles {count} --force --report r.json");
+            expect(out, &command, code);
+            report(out)["quality"]["sensible_triangles"].as_u64().unwrap()
+        };
+        let named = ask(count, 3);
+        assert!(named > count, "{name}: {count}, {named}");
+        ask(named, 0);
+    }
+}

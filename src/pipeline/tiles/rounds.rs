@@ -1,7 +1,7 @@
 //! The rounds of a run of `tiles`: each simplifies all groups, and cuts what is left into those of the next.
 
 use super::config::TilesConfig;
-use super::plan::{Hidden, too_little};
+use super::plan::{Hidden, LAST, too_little};
 use crate::error::{Error, Result};
 use crate::kernel;
 use crate::measure::step;
@@ -19,9 +19,6 @@ use crate::store::cells::{
 use crate::store::stage_context::StageContext;
 use crate::system::memory::BASE_BYTES;
 use std::path::Path;
-
-/// A round whose one group has at most this many tiles' triangles is the last.
-const LAST: u64 = 8;
 
 /// The bound of a round's step exceeds the largest distance that was found by at most this factor.
 const SLACK: f64 = 1.25;

@@ -22,6 +22,10 @@ use stonecut_system::progress::Progress;
 /// No record comes near this.
 const MOST_RECORD_BYTES: u64 = 1 << 30;
 
+/// Waiting is told after this time, and then again and again.
+const FIRST_WORD: Duration = Duration::from_millis(500);
+const WORDS_EVERY: Duration = Duration::from_secs(10);
+
 /// Errno of a file that was removed on another machine while it was open here.
 const STALE: i32 = 116;
 
@@ -225,10 +229,7 @@ impl UnitJob {
     /// The plan of the job.
     pub fn frozen(&self, progress: &Progress) -> Result<Frozen> {
         let path = self.folder.join(PLAN);
-        let found = self.look_again(progress, || match read_line(&path, "plan")? {
-            Some(value) => Ok(Some(value)),
-            None => Ok(None),
-        })?;
+        let found = self.look_again("the plan", progress, || read_line(&path, "plan"))?;
         let value = found.ok_or_else(|| {
             Error::bad_input(&self.folder, "holds no plan; make one with 'stonecut plan'")
         })?;
@@ -251,7 +252,7 @@ impl UnitJob {
     /// Errors: `Io` if it is not, after having looked again.
     pub fn require(&self, unit: &Unit, progress: &Progress) -> Result<Record> {
         let mut missing = None;
-        let found = self.look_again(progress, || {
+        let found = self.look_again(&format!("unit {unit}"), progress, || {
             let Some(record) = self.record(unit)? else { return Ok(None) };
             let is_there = |file: &&UnitFile| {
                 std::fs::metadata(self.path(&file.pack)).is_ok_and(|meta| meta.len() >= file.bytes)
@@ -267,7 +268,7 @@ impl UnitJob {
             None => Error::reading(
                 self.path(&unit.record_name()),
                 "cannot begin before this unit is done",
-                std::io::ErrorKind::NotFound.into(),
+                std::io::Error::other(format!("give 'stonecut work JOBDIR {unit}' first")),
             ),
         })
     }
@@ -294,16 +295,24 @@ impl UnitJob {
         Error::Corrupt { path, what }
     }
 
-    /// Looks until something is there, or the time is over. What is half written, or was replaced, counts as missing until
-    /// then.
+    /// Looks until something is there, or the time is over, and says so meanwhile. What is half written, or was replaced,
+    /// counts as missing until then.
     fn look_again<T>(
         &self,
+        what: &str,
         progress: &Progress,
         mut look: impl FnMut() -> Result<Option<T>>,
     ) -> Result<Option<T>> {
         let (start, mut pause) = (Instant::now(), Duration::from_millis(20));
+        let mut next_word = FIRST_WORD;
         loop {
-            let is_over = start.elapsed() >= self.patience;
+            let waited = start.elapsed();
+            let is_over = waited >= self.patience;
+            if waited >= next_word && !is_over {
+                let [waited, most] = [waited, self.patience].map(|time| time.as_secs());
+                progress.note(format!("waits for {what}, which another process has to do: {waited} of at most {most} s"));
+                next_word += WORDS_EVERY;
+            }
             match look() {
                 Ok(Some(found)) => return Ok(Some(found)),
                 Ok(None) if is_over => return Ok(None),
@@ -525,10 +534,12 @@ mod tests {
             });
             job.require(&unit, &Progress::default()).unwrap();
         });
-        let impatient = UnitJob::new(folder.path(), &disk, Duration::ZERO);
-        let other: Unit = "pilot/1".parse().unwrap();
-        let error = impatient.require(&other, &Progress::default()).unwrap_err();
+        let impatient = UnitJob::new(folder.path(), &disk, Duration::from_secs(1));
+        let (other, progress): (Unit, _) = ("pilot/1".parse().unwrap(), Progress::default());
+        let error = impatient.require(&other, &progress).unwrap_err();
         assert!(error.exit_code() == 1 && error.to_string().contains("pilot-0001"), "{error}");
+        let notes = progress.take_notes();
+        assert!(notes[0].starts_with("waits for unit pilot/1"), "{notes:?}");
         std::fs::write(job.path("pilot-0001.record"), "torn").unwrap();
         let error = impatient.require(&other, &Progress::default()).unwrap_err();
         assert!(error.to_string().contains("damaged"), "{error}");
