@@ -40,8 +40,8 @@ impl FromArgMatches for InOut {
         let mut paths: Vec<PathBuf> = paths.cloned().collect();
         // Two meshes are compared, or one is read and one written.
         let (missing, example) = match matches.try_contains_id("samples") {
-            Ok(_) => ("simplified mesh", "stonecut measure scan.ply small.ply"),
-            Err(_) => ("path of the result", "scan.ply small.ply"),
+            Ok(true) => ("simplified mesh", "stonecut measure scan.ply small.ply"),
+            _ => ("path of the result", "scan.ply small.ply"),
         };
         match paths.pop() {
             Some(output) if !paths.is_empty() => {

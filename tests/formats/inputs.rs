@@ -96,7 +96,7 @@ fn sets_that_cannot_be_meant_are_refused_by_name() {
     for (words, code, what) in [
         ("simplify tiles/tile_000.ply no.ply out.ply --ratio 5%", 4, "no.ply"),
         ("simplify tiles tiles/out.ply --ratio 5%", 2, "whose meshes are the input"),
-        ("simplify tiles/tile_000.ply --ratio 5%", 2, "path of the result comes last"),
+        ("simplify tiles/tile_000.ply --ratio 5%", 2, "the path of the result comes"),
         ("simplify - tiles/tile_000.ply out.ply --ratio 5%", 2, "standard input"),
         ("simplify @none.txt out.ply --ratio 5%", 4, "none.txt"),
     ] {
