@@ -1,7 +1,6 @@
 //! Holds the mechanical rules for prose: doc comments of src/, the README and the pages of docs/.
 //!
-//! docs/results/ and CHANGELOG.md are records and stay as they were written. Only a reader
-//! can tell whether a text is good.
+//! docs/results/ and CHANGELOG.md are not looked at. Only a reader can tell whether a text is good.
 
 use std::path::{Path, PathBuf};
 
