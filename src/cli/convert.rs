@@ -276,11 +276,9 @@ impl Used {
         done: &mut Converted,
         progress: &Progress,
     ) -> Result<()> {
-        let mut block = FaceBlock::default();
         progress.begin("survey", 1, 2, source.n_triangles());
-        for i in 0..source.n_face_blocks() {
+        source.each_face_block(|block| {
             progress.check()?;
-            source.read_faces(i, &mut block)?;
             progress.add(block.triangles.len() as u64);
             done.n_triangles += block.triangles.len() as u64;
             done.n_degenerate += block.n_degenerate;
@@ -289,7 +287,8 @@ impl Used {
                 block.triangles.iter().try_for_each(|&t| finder.push(t))?;
             }
             block.triangles.as_flattened().iter().for_each(|&vertex| self.mark(vertex));
-        }
+            Ok(())
+        })?;
         done.n_vertices = self.count();
         done.n_unreferenced = self.n_vertices - done.n_vertices;
         Ok(())
@@ -326,11 +325,9 @@ impl Used {
         if is_full {
             return self.write_full_faces(input, sink, done, progress);
         }
-        let mut block = FaceBlock::default();
         let mut place = 0;
-        for i in 0..source.n_face_blocks() {
+        source.each_face_block(|block| {
             progress.check()?;
-            source.read_faces(i, &mut block)?;
             progress.add(block.triangles.len() as u64 / 2);
             if duplicates.count() > 0 {
                 block.triangles.retain(|_| {
@@ -343,8 +340,8 @@ impl Used {
                     *vertex = self.new_id(*vertex);
                 }
             }
-            sink.write_faces(&block.triangles)?;
-        }
+            sink.write_faces(&block.triangles)
+        })?;
         progress.check()?;
         done.losses.merge(&sink.losses());
         done.n_bytes = sink.finish()?;

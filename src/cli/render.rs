@@ -6,8 +6,8 @@ use super::placing::numbers;
 use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::io::InputPaths;
-use crate::io::ply::{FaceBlock, MeshSource, Place, VertexBlock};
-use crate::mesh::Mesh;
+use crate::io::ply::{MeshSource, Place};
+use crate::measure::load::load_with;
 use crate::render::{
     Coloring, Direction, Lighting, Picture, Resources, Scale, Sphere, View, aim_source, has_images,
     hold, hold_images, render_mesh, render_source, top_of,
@@ -196,7 +196,12 @@ pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)
             hold_whole(&source, memory_bytes)?;
         }
         pictures.push(if args.quadrics > 0 {
-            render_mesh(&read_whole(&source, progress)?, &view, threads, progress)?
+            render_mesh(
+                &load_with(&source, None, threads, progress)?.mesh,
+                &view,
+                threads,
+                progress,
+            )?
         } else {
             render_source(&source, &view, resources, progress)?
         });
@@ -221,7 +226,12 @@ fn hold_whole(source: &MeshSource, memory_bytes: u64) -> Result<()> {
     let [vertex, triangle] = QUADRIC_BYTES;
     let needed = (500 << 20) + vertex * source.n_vertices() + triangle * source.n_triangles();
     if needed <= memory_bytes {
-        return Ok(());
+        return match u32::try_from(source.n_vertices()) {
+            Ok(_) => Ok(()),
+            Err(_) => {
+                Err(Error::Usage("--quadrics: a mesh of fewer than 2^32 vertices".to_owned()))
+            }
+        };
     }
     Err(Error::NoMemory(format!(
         "--quadrics: {} takes {} in memory; give --memory {}, or leave them out",
@@ -229,28 +239,6 @@ fn hold_whole(source: &MeshSource, memory_bytes: u64) -> Result<()> {
         show_bytes(needed),
         memory_word(needed)
     )))
-}
-
-/// The whole mesh, for pictures that need its connectivity; positions only.
-fn read_whole(source: &MeshSource, progress: &Progress) -> Result<Mesh> {
-    let mut mesh = Mesh::default();
-    if source.n_vertices() > u64::from(u32::MAX) {
-        return Err(Error::Usage("--quadrics: a mesh of fewer than 2^32 vertices".to_owned()));
-    }
-    let mut vertices = VertexBlock::default();
-    for block in 0..source.n_vertex_blocks() {
-        progress.check()?;
-        source.read_vertices(block, &mut vertices)?;
-        let records = vertices.records.chunks_exact(source.schema().record_bytes());
-        mesh.positions.extend(records.map(|record| source.schema().position(record)));
-    }
-    let mut faces = FaceBlock::default();
-    for block in 0..source.n_face_blocks() {
-        progress.check()?;
-        source.read_faces(block, &mut faces)?;
-        mesh.triangles.extend(faces.triangles.iter().map(|t| t.map(|id| id as u32)));
-    }
-    Ok(mesh)
 }
 
 fn parse_size(text: &str) -> Result<(u32, u32), String> {

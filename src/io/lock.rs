@@ -6,7 +6,7 @@
 use super::open_edges::{each_edge, each_open, hash};
 use super::open_options::{Lock, StageOptions};
 use super::restaged::{face_rows, restage};
-use crate::ply::{BLOCK_ROWS, LockedBy, MeshSource, VertexBlock};
+use crate::ply::{LockedBy, MeshSource};
 use std::collections::HashMap;
 use stonecut_mesh::property::{Property, Scalar};
 use stonecut_system::error::{Error, Result};
@@ -47,18 +47,13 @@ fn with_boundary(source: MeshSource, options: &StageOptions) -> Result<MeshSourc
     schema.properties.push(Property::new(&name, Scalar::U8));
     let mut locked = locked.into_iter().peekable();
     let mut vertices = options.spool();
-    let (mut block, mut row) = (VertexBlock::default(), Vec::new());
-    for index in 0..source.n_vertex_blocks() {
-        source.read_vertices(index, &mut block)?;
-        let records = block.records.chunks_exact(source.schema().record_bytes());
-        for (i, record) in records.enumerate() {
-            let v = index * BLOCK_ROWS + i as u64;
-            row.clear();
-            row.extend_from_slice(record);
-            row.push(u8::from(locked.next_if_eq(&v).is_some()));
-            vertices.write(&row)?;
-        }
-    }
+    let mut row = Vec::new();
+    source.each_vertex(|v, record| {
+        row.clear();
+        row.extend_from_slice(record);
+        row.push(u8::from(locked.next_if_eq(&v).is_some()));
+        vertices.write(&row)
+    })?;
     let n_vertices = source.n_vertices();
     let vertices = vertices.finish(source.path())?;
     let Some(faces) = face_rows(&source, |v| Ok(v as u32), options)? else {

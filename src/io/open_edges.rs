@@ -3,7 +3,7 @@
 //! Hashes of the edges around a vertex are combined by exclusive or. An edge of two triangles cancels itself, so what is
 //! left is that of edges with an odd number of triangles. A vertex with open edges escapes with a probability of 2^-32.
 
-use crate::ply::{FaceBlock, MeshSource};
+use crate::ply::MeshSource;
 use stonecut_system::error::Result;
 
 /// Calls `each` with every vertex at an open edge, ascending; faces are read once for each `memory_bytes` / 4 vertices.
@@ -55,16 +55,14 @@ pub(crate) fn open_among(source: &MeshSource, ids: &[u64]) -> Result<Vec<u64>> {
 
 /// Calls `each` with the edges of every triangle, and a hash that does not depend on their sense.
 pub(crate) fn each_edge(source: &MeshSource, mut each: impl FnMut([u64; 2], u32)) -> Result<()> {
-    let mut block = FaceBlock::default();
-    for index in 0..source.n_face_blocks() {
-        source.read_faces(index, &mut block)?;
+    source.each_face_block(|block| {
         for &[a, b, c] in &block.triangles {
             for edge in [[a, b], [b, c], [c, a]] {
                 each(edge, hash(edge[0], edge[1]));
             }
         }
-    }
-    Ok(())
+        Ok(())
+    })
 }
 
 /// A hash of an edge that does not depend on its sense.

@@ -4,7 +4,7 @@ use super::open_options::StageOptions;
 use crate::ply::header::Encoding;
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::source::Staged;
-use crate::ply::{FaceBlock, FaceSchema, Faults, MeshSource, OutputHeader, TextureInfo};
+use crate::ply::{FaceSchema, Faults, MeshSource, OutputHeader, TextureInfo};
 use std::ops::Range;
 use std::path::Path;
 use stonecut_mesh::record::VertexSchema;
@@ -122,9 +122,7 @@ pub(crate) fn face_rows_with(
     }
     (out, n_faces, n_read) = (options.spool(), 0, 0);
     if source.has_strips() {
-        let mut block = FaceBlock::default();
-        for index in 0..source.n_face_blocks() {
-            source.read_faces(index, &mut block)?;
+        source.each_face_block(|block| {
             n_bad += block.n_bad;
             for triangle in &block.triangles {
                 row.clear();
@@ -135,7 +133,8 @@ pub(crate) fn face_rows_with(
                 n_faces += put(n_read, &mut row, &mut out)?;
                 n_read += 1;
             }
-        }
+            Ok(())
+        })?;
     } else {
         let mut is_too_wide = false;
         n_bad = source.each_full_face(|place, face| {

@@ -5,7 +5,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)] // What is not a number fails every comparison.
 
 use super::output_format::{OutputFormat, OutputKind};
-use crate::ply::{MeshSource, VertexBlock};
+use crate::ply::MeshSource;
 use std::path::Path;
 use stonecut_mesh::property::Scalar;
 use stonecut_mesh::record::VertexSchema;
@@ -130,23 +130,17 @@ pub fn check_range(source: &MeshSource, output: &Path, format: OutputFormat) -> 
     if !is_float || schema.coordinate != Scalar::F64 {
         return Ok(());
     }
-    let mut block = VertexBlock::default();
-    for index in 0..source.n_vertex_blocks() {
-        source.read_vertices(index, &mut block)?;
-        for (vertex, record) in
-            (block.first..).zip(block.records.chunks_exact(schema.record_bytes()))
-        {
-            let far = schema.position(record).map(f64::abs).into_iter().fold(0.0, f64::max);
-            if far > f64::from(f32::MAX) {
-                let what = format!(
-                    "element vertex, row {vertex}: a coordinate of {far:e} is beyond what the output's floats hold \
-                     (3.4e38); write PLY with double, or OBJ"
-                );
-                return Err(Error::bad_input(source.path(), what));
-            }
+    source.each_vertex(|vertex, record| {
+        let far = schema.position(record).map(f64::abs).into_iter().fold(0.0, f64::max);
+        if far <= f64::from(f32::MAX) {
+            return Ok(());
         }
-    }
-    Ok(())
+        let what = format!(
+            "element vertex, row {vertex}: a coordinate of {far:e} is beyond what the output's floats hold \
+             (3.4e38); write PLY with double, or OBJ"
+        );
+        Err(Error::bad_input(source.path(), what))
+    })
 }
 
 #[cfg(test)]

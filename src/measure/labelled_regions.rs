@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::path::Path;
 use stonecut_io::ExternalSort;
 use stonecut_io::FaceLabels;
-use stonecut_io::ply::{MeshSource, VertexBlock};
+use stonecut_io::ply::MeshSource;
 use stonecut_mesh::property::Scalar;
 use stonecut_mesh::vec3::{cross, dot, sub};
 use stonecut_system::error::Result;
@@ -175,14 +175,15 @@ impl<'a> Places<'a> {
             return source.positions().map(Places::File);
         }
         let (mut single, mut double) = (Vec::new(), Vec::new());
-        let mut block = VertexBlock::default();
-        for index in 0..source.n_vertex_blocks() {
-            source.read_vertices(index, &mut block)?;
-            for record in block.records.chunks_exact(source.schema().record_bytes()) {
-                let place = source.schema().position(record);
-                if is_single { single.push(place.map(|x| x as f32)) } else { double.push(place) }
+        source.each_vertex(|_, record| {
+            let place = source.schema().position(record);
+            if is_single {
+                single.push(place.map(|x| x as f32))
+            } else {
+                double.push(place)
             }
-        }
+            Ok(())
+        })?;
         Ok(if is_single { Places::Single(single) } else { Places::Double(double) })
     }
 

@@ -5,6 +5,7 @@
 use super::Carried;
 use stonecut_io::ply::{FaceBlock, MeshSource, VertexBlock};
 use stonecut_mesh::Mesh;
+use stonecut_mesh::codec::VertexCodec;
 use stonecut_mesh::topology_counts::{self, Topology};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::parallel;
@@ -19,6 +20,8 @@ pub struct Loaded {
     pub colours: Option<Carried>,
     /// Faces left out because a corner repeats or there are fewer than three.
     pub n_degenerate: u64,
+    /// Faces left out because of a fault in the file.
+    pub n_bad: u64,
 }
 
 /// Bytes that `load` takes for a file.
@@ -29,6 +32,16 @@ pub fn bytes_in_memory(source: &MeshSource) -> u64 {
 
 /// Reads a whole file; its blocks are decoded by `threads` threads.
 pub fn load(source: &MeshSource, threads: usize, progress: &Progress) -> Result<Loaded> {
+    load_with(source, Some(&source.schema().codec()), threads, progress)
+}
+
+/// Reads a whole file with the channels of `codec`; without it, positions and triangles alone.
+pub fn load_with(
+    source: &MeshSource,
+    codec: Option<&VertexCodec>,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Loaded> {
     if u32::try_from(source.n_vertices()).is_err() {
         return Err(Error::bad_input(
             source.path(),
@@ -36,8 +49,7 @@ pub fn load(source: &MeshSource, threads: usize, progress: &Progress) -> Result<
         ));
     }
     let schema = source.schema();
-    let codec = schema.codec();
-    let n_channels = codec.n_channels();
+    let n_channels = codec.map_or(0, VertexCodec::n_channels);
     let record_bytes = schema.record_bytes();
     let mut mesh = Mesh { n_channels, ..Mesh::default() };
     mesh.positions.reserve_exact(source.n_vertices() as usize);
@@ -50,14 +62,16 @@ pub fn load(source: &MeshSource, threads: usize, progress: &Progress) -> Result<
         |_, block| {
             for record in block.records.chunks_exact(record_bytes) {
                 mesh.positions.push(schema.position(record));
-                let start = mesh.channels.len();
-                mesh.channels.resize(start + n_channels, 0.0);
-                codec.decode_channels(record, &mut mesh.channels[start..]);
+                if let Some(codec) = codec {
+                    let start = mesh.channels.len();
+                    mesh.channels.resize(start + n_channels, 0.0);
+                    codec.decode_channels(record, &mut mesh.channels[start..]);
+                }
             }
             Ok(())
         },
     )?;
-    let mut n_degenerate = 0;
+    let (mut n_degenerate, mut n_bad) = (0, 0);
     mesh.triangles.reserve_exact(source.n_triangles() as usize);
     parallel::in_order(
         source.n_face_blocks(),
@@ -68,10 +82,11 @@ pub fn load(source: &MeshSource, threads: usize, progress: &Progress) -> Result<
             // Indices are below the number of vertices, which fits: see above.
             mesh.triangles.extend(block.triangles.iter().map(|t| t.map(|v| v as u32)));
             n_degenerate += block.n_degenerate;
+            n_bad += block.n_bad;
             Ok(())
         },
     )?;
-    Ok(Loaded { mesh, colours: Carried::of(schema), n_degenerate })
+    Ok(Loaded { mesh, colours: Carried::of(schema), n_degenerate, n_bad })
 }
 
 /// The topology of a loaded mesh, with the faces that were left out.

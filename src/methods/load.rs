@@ -1,7 +1,8 @@
 //! A source as a whole in memory, and the records of the vertices that a result keeps something of.
 
 use std::collections::BTreeMap;
-use stonecut_io::ply::{FaceBlock, MeshSource, VertexBlock};
+use stonecut_io::ply::MeshSource;
+use stonecut_measure::load::{Loaded, load_with};
 use stonecut_mesh::duplicate_triangles::drop_repeats;
 use stonecut_mesh::orient::{TRIANGLE_BYTES, orient};
 use stonecut_mesh::vec3::Vec3;
@@ -24,18 +25,8 @@ pub(super) fn load_bytes(source: &MeshSource) -> u64 {
 /// Reads all vertices and triangles; these must be few enough for 32-bit numbers. Repeated triangles are dropped, and those that
 /// disagree with most of their component turned over.
 pub(super) fn load(source: &MeshSource, progress: &Progress) -> Result<LoadedMesh> {
-    let mut positions = Vec::with_capacity(source.n_vertices() as usize);
-    for_records(source, progress, |_, record| positions.push(source.schema().position(record)))?;
-    let mut triangles = Vec::with_capacity(source.n_triangles() as usize);
-    let mut block = FaceBlock::default();
-    let (mut n_degenerate, mut n_bad) = (0, 0);
-    for index in 0..source.n_face_blocks() {
-        progress.check()?;
-        source.read_faces(index, &mut block)?;
-        triangles.extend(block.triangles.iter().map(|t| t.map(|v| v as u32)));
-        n_degenerate += block.n_degenerate;
-        n_bad += block.n_bad;
-    }
+    let Loaded { mesh, n_degenerate, n_bad, .. } = load_with(source, None, 1, progress)?;
+    let (positions, mut triangles) = (mesh.positions, mesh.triangles);
     let n_repeats = drop_repeats(&mut triangles);
     orient(&mut triangles, positions.len());
     let faults = BTreeMap::from([
@@ -53,13 +44,9 @@ pub(super) fn for_records(
     mut take: impl FnMut(u64, &[u8]),
 ) -> Result<()> {
     let record_bytes = source.schema().record_bytes();
-    let mut block = VertexBlock::default();
-    for index in 0..source.n_vertex_blocks() {
-        progress.check()?;
-        source.read_vertices(index, &mut block)?;
-        for (vertex, record) in (block.first..).zip(block.records.chunks_exact(record_bytes)) {
-            take(vertex, record);
-        }
-    }
-    Ok(())
+    source.each_vertex_block(|block| {
+        let records = (block.first..).zip(block.records.chunks_exact(record_bytes));
+        records.for_each(|(vertex, record)| take(vertex, record));
+        progress.check()
+    })
 }

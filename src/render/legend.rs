@@ -3,7 +3,7 @@
 use super::picture::{Letters, Picture, text_width};
 use super::scene::find;
 use super::view::Scale;
-use stonecut_io::ply::{MeshSource, VertexBlock};
+use stonecut_io::ply::MeshSource;
 use stonecut_mesh::property::{Origin, read_scalar};
 use stonecut_mesh::viridis::viridis;
 use stonecut_system::error::{Error, Result};
@@ -40,10 +40,8 @@ pub fn top_of(source: &MeshSource, property: &str, progress: &Progress) -> Resul
     };
     let mut counts = vec![0u64; 1 << COUNTED_BITS];
     let (mut n, mut largest) = (0u64, 0f64);
-    let mut block = VertexBlock::default();
-    for index in 0..source.n_vertex_blocks() {
+    source.each_vertex_block(|block| {
         progress.check()?;
-        source.read_vertices(index, &mut block)?;
         for record in block.records.chunks_exact(source.schema().record_bytes()) {
             let value = read_scalar(scalar, record, at);
             if value >= 0.0 && value.is_finite() {
@@ -52,7 +50,8 @@ pub fn top_of(source: &MeshSource, property: &str, progress: &Progress) -> Resul
                 n += 1;
             }
         }
-    }
+        Ok(())
+    })?;
     let mut left = ((1.0 - COVERED) * n as f64) as u64;
     let mut last = 0;
     for (bits, &count) in counts.iter().enumerate().rev().filter(|(_, count)| **count > 0) {

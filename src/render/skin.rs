@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use stonecut_mesh::oklab::srgb_of_linear;
 use stonecut_system::error::Result;
-use stonecut_system::parallel::in_order;
+use stonecut_system::parallel::in_blocks;
 use stonecut_system::progress::Progress;
 
 /// Samples that are coloured at a time, and by one thread.
@@ -143,20 +143,12 @@ impl Group<'_> {
         for start in (0..n).step_by(STRETCH) {
             let stretch = &frame.samples[start..(start + STRETCH).min(n)];
             let mut found: Vec<(u32, Option<Sample>)> = Vec::with_capacity(stretch.len());
-            let colour = |block: u64, out: &mut Vec<(u32, Option<Sample>)>| {
-                out.clear();
-                let first = block as usize * BLOCK;
-                let samples = &stretch[first..(first + BLOCK).min(stretch.len())];
-                for (at, sample) in (start + first..).zip(samples) {
+            in_blocks((stretch.len(), BLOCK), (threads, progress), &mut found, |some, out| {
+                for (at, sample) in (start + some.start..).zip(&stretch[some]) {
                     if self.materials.binary_search(&sample.material).is_ok() {
                         out.push((at as u32, self.coloured(sample)));
                     }
                 }
-                Ok(())
-            };
-            let n_blocks = stretch.len().div_ceil(BLOCK) as u64;
-            in_order(n_blocks, threads, progress, colour, |_, block| {
-                found.append(block);
                 Ok(())
             })?;
             for (at, sample) in found {

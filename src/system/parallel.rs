@@ -9,6 +9,7 @@ use crate::memory::give_back;
 use crate::progress::Progress;
 use crossbeam::channel::bounded;
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::{Condvar, Mutex, PoisonError};
 
 /// Stack of a worker, in bytes: that of the main thread, so that what returns there returns in a worker, too.
@@ -76,6 +77,29 @@ pub fn in_order<T: Default + Send>(
         threads,
         &|index, slot| progress.check().and_then(|()| produce(index, &mut held(slot))),
         &mut |index, slot| consume(index, &mut held(slot)),
+    )
+}
+
+/// Appends to a list what `fill` makes of `n` places, a range of at most `block` of them at a time; in their order.
+pub fn in_blocks<T: Send>(
+    (n, block): (usize, usize),
+    (threads, progress): (usize, &Progress),
+    all: &mut Vec<T>,
+    fill: impl Fn(Range<usize>, &mut Vec<T>) -> Result<()> + Sync,
+) -> Result<()> {
+    in_order(
+        n.div_ceil(block) as u64,
+        threads,
+        progress,
+        |index, some: &mut Vec<T>| {
+            some.clear();
+            let first = index as usize * block;
+            fill(first..n.min(first + block), some)
+        },
+        |_, some| {
+            all.append(some);
+            Ok(())
+        },
     )
 }
 

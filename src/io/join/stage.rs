@@ -17,7 +17,7 @@ use crate::open::open_part;
 use crate::open_options::StageOptions;
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::source::Staged;
-use crate::ply::{FaceSchema, MeshSource, OutputHeader, PartReport, TextureInfo, VertexBlock};
+use crate::ply::{FaceSchema, MeshSource, OutputHeader, PartReport, TextureInfo};
 use crate::restaged::{FaceRows, RowLayout, corner, each_row, face_rows, set_corner, staged_file};
 use crate::sidecars::Georeference;
 use std::collections::{HashMap, HashSet};
@@ -479,12 +479,11 @@ fn number_place(faces: &FaceSchema) -> Option<usize> {
 fn vertices_of(source: &MeshSource, options: &StageOptions) -> Result<(RawFile, Bounds)> {
     let schema = source.schema();
     let mut out = options.spool();
-    let (mut bounds, mut block) = (Bounds::EMPTY, VertexBlock::default());
-    for index in 0..source.n_vertex_blocks() {
-        source.read_vertices(index, &mut block)?;
+    let mut bounds = Bounds::EMPTY;
+    source.each_vertex_block(|block| {
         let records = block.records.chunks_exact(schema.record_bytes());
         records.for_each(|record| bounds.add(schema.position(record)));
-        out.write(&block.records)?;
-    }
+        out.write(&block.records)
+    })?;
     Ok((out.finish(source.path())?, bounds))
 }

@@ -18,6 +18,18 @@ impl MeshSource {
         self.read_face_block(index, block, false)
     }
 
+    /// Calls `each` with one block of faces after the other.
+    pub fn each_face_block(
+        &self,
+        mut each: impl FnMut(&mut FaceBlock) -> Result<()>,
+    ) -> Result<()> {
+        let mut block = FaceBlock::default();
+        (0..self.n_face_blocks()).try_for_each(|index| {
+            self.read_faces(index, &mut block)?;
+            each(&mut block)
+        })
+    }
+
     /// The same, with the row of every triangle in `block.rows`.
     pub fn read_faces_with_rows(&self, index: u64, block: &mut FaceBlock) -> Result<()> {
         self.read_face_block(index, block, true)

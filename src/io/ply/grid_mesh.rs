@@ -4,7 +4,6 @@
 //! another one, edges between them are long: a triangle with an edge of more than four times the spacing of the posts
 //! around it is left out (Turk and Levoy 1994, "Tessellating range images").
 
-use super::VertexBlock;
 use super::header::{Element, Encoding, Kind};
 use super::layout::{explain, with_scan};
 use super::lookup::Lookup;
@@ -98,11 +97,7 @@ impl MeshSource {
             ..header
         };
         out.write(header.text_signed(Encoding::BinaryLittleEndian, index, None).as_bytes())?;
-        let mut block = VertexBlock::default();
-        for number in 0..self.n_vertex_blocks() {
-            self.read_vertices(number, &mut block)?;
-            out.write(&block.records)?;
-        }
+        self.each_vertex_block(|block| out.write(&block.records))?;
         out.append_file(&faces.finish(self.path())?)?;
         Ok((out.finish(self.path())?, n_bad))
     }

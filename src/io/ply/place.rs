@@ -32,12 +32,11 @@ impl MeshSource {
             return Ok(());
         }
         let schema = self.schema().clone();
-        let (mut bounds, mut block) = (Bounds::EMPTY, VertexBlock::default());
-        for index in 0..self.n_vertex_blocks() {
-            self.read_vertices(index, &mut block)?;
-            let records = block.records.chunks_exact(schema.record_bytes());
-            records.for_each(|row| bounds.add(placing.point(schema.position(row))));
-        }
+        let mut bounds = Bounds::EMPTY;
+        self.each_vertex(|_, row| {
+            bounds.add(placing.point(schema.position(row)));
+            Ok(())
+        })?;
         let Some(placed) = Placed::new(placing, schema, &bounds, self.comments()) else {
             return Err(self.file.bad(
                 "its coordinates are not finite once it is placed; give a smaller --scale, --translate or --transform",

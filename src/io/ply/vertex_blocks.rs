@@ -23,6 +23,27 @@ impl MeshSource {
         Ok(())
     }
 
+    /// Calls `each` with one block of vertices after the other.
+    pub fn each_vertex_block(
+        &self,
+        mut each: impl FnMut(&VertexBlock) -> Result<()>,
+    ) -> Result<()> {
+        let mut block = VertexBlock::default();
+        (0..self.n_vertex_blocks()).try_for_each(|index| {
+            self.read_vertices(index, &mut block)?;
+            each(&block)
+        })
+    }
+
+    /// Calls `each` with every vertex and its record, in order.
+    pub fn each_vertex(&self, mut each: impl FnMut(u64, &[u8]) -> Result<()>) -> Result<()> {
+        let record_bytes = self.schema().record_bytes();
+        self.each_vertex_block(|block| {
+            let records = block.records.chunks_exact(record_bytes);
+            (block.first..).zip(records).try_for_each(|(vertex, record)| each(vertex, record))
+        })
+    }
+
     /// Reads and checks one block of vertices as they stand in the file.
     fn read_checked(&self, index: u64, block: &mut VertexBlock) -> Result<()> {
         self.read_unchecked(index, block)?;

@@ -7,7 +7,7 @@
 use crate::borders::OpenBorders;
 use crate::open_edges::open_among;
 use crate::open_options::Weld;
-use crate::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
+use crate::ply::{FaceBlock, MeshSource};
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::vec3::{Vec3, length_sq, sub};
 use stonecut_system::error::Result;
@@ -180,15 +180,10 @@ pub(super) fn of_parts(source: &MeshSource, borders: &OpenBorders, how: Weld) ->
 
 /// Calls `each` with every vertex and its position.
 pub(super) fn each_position(source: &MeshSource, mut each: impl FnMut(u64, Vec3)) -> Result<()> {
-    let mut block = VertexBlock::default();
-    for index in 0..source.n_vertex_blocks() {
-        source.read_vertices(index, &mut block)?;
-        let records = block.records.chunks_exact(source.schema().record_bytes());
-        for (i, record) in records.enumerate() {
-            each(index * BLOCK_ROWS + i as u64, source.schema().position(record));
-        }
-    }
-    Ok(())
+    source.each_vertex(|vertex, record| {
+        each(vertex, source.schema().position(record));
+        Ok(())
+    })
 }
 
 /// Lengths of the edges of triangles here and there; `None` if they have none.

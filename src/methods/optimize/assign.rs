@@ -5,7 +5,7 @@ use stonecut_measure::tree::{Nearest, Tree};
 use stonecut_measure::triangle;
 use stonecut_mesh::vec3::{dot, length_sq, sub};
 use stonecut_system::error::Result;
-use stonecut_system::parallel::in_order;
+use stonecut_system::parallel::in_blocks;
 use stonecut_system::progress::Progress;
 
 /// A triangle whose normal is farther from that of a sample than this cosine shows it its back.
@@ -31,29 +31,18 @@ fn lay(surface: &mut Surface, is_first: bool, threads: usize, progress: &Progres
     let tree = Tree::build_until(surface.triangles.len(), |t| surface.corners(t as u32), progress)?;
     let n = surface.samples.len();
     let mut found: Vec<(u32, f32)> = Vec::with_capacity(n);
-    in_order(
-        n.div_ceil(BLOCK) as u64,
-        threads,
-        progress,
-        |block, out: &mut Vec<(u32, f32)>| {
-            out.clear();
-            let from = block as usize * BLOCK;
-            out.extend((from..n.min(from + BLOCK)).map(|s| {
-                let counts = is_first || surface.distance_sq[s].is_finite();
-                let point = surface.samples[s].at();
-                let nearest = counts.then(|| tree.nearest(point, Nearest::NONE));
-                match nearest.filter(|found| !is_first || belongs(surface, &tree, s, found)) {
-                    Some(nearest) => (tree.id(nearest.slot), nearest.distance_sq as f32),
-                    None => (u32::MAX, f32::INFINITY),
-                }
-            }));
-            Ok(())
-        },
-        |_, out| {
-            found.append(out);
-            Ok(())
-        },
-    )?;
+    in_blocks((n, BLOCK), (threads, progress), &mut found, |some, out| {
+        out.extend(some.map(|s| {
+            let counts = is_first || surface.distance_sq[s].is_finite();
+            let point = surface.samples[s].at();
+            let nearest = counts.then(|| tree.nearest(point, Nearest::NONE));
+            match nearest.filter(|found| !is_first || belongs(surface, &tree, s, found)) {
+                Some(nearest) => (tree.id(nearest.slot), nearest.distance_sq as f32),
+                None => (u32::MAX, f32::INFINITY),
+            }
+        }));
+        Ok(())
+    })?;
     surface.clear();
     let mut n_apart = 0;
     for (sample, (triangle, distance_sq)) in found.into_iter().enumerate() {

@@ -8,7 +8,7 @@ use super::surface::{Facing, Surface, turned};
 use super::work::Work;
 use stonecut_mesh::vec3::Vec3;
 use stonecut_system::error::Result;
-use stonecut_system::parallel::in_order;
+use stonecut_system::parallel::in_blocks;
 
 /// Vertices that go to a thread together.
 const BLOCK: usize = 512;
@@ -31,22 +31,11 @@ pub(super) fn all(surface: &mut Surface, work: Work) -> Result<u64> {
     let mut n = 0;
     for colour in colours(surface) {
         let mut moved = Vec::new();
-        in_order(
-            colour.len().div_ceil(BLOCK) as u64,
-            work.threads,
-            work.progress,
-            |block, out: &mut Vec<Moved>| {
-                out.clear();
-                let from = block as usize * BLOCK;
-                let some = &colour[from..colour.len().min(from + BLOCK)];
-                out.extend(some.iter().filter_map(|&v| better(surface, v, work)));
-                Ok(())
-            },
-            |_, out| {
-                moved.append(out);
-                Ok(())
-            },
-        )?;
+        let means = (work.threads, work.progress);
+        in_blocks((colour.len(), BLOCK), means, &mut moved, |some, out| {
+            out.extend(colour[some].iter().filter_map(|&v| better(surface, v, work)));
+            Ok(())
+        })?;
         n += moved.len() as u64;
         for Moved { vertex, place, lying } in moved {
             surface.places[vertex as usize] = place;

@@ -5,7 +5,7 @@ use super::surface::{Facing, Surface, turned};
 use super::work::Work;
 use stonecut_mesh::vec3::{Vec3, length_sq, sub};
 use stonecut_system::error::Result;
-use stonecut_system::parallel::in_order;
+use stonecut_system::parallel::in_blocks;
 
 /// Edges that go to a thread together.
 const BLOCK: usize = 2048;
@@ -22,24 +22,12 @@ pub(super) fn all(surface: &mut Surface, work: Work) -> Result<u64> {
     for _ in 0..ROUNDS {
         let edges = surface.inner_edges();
         let mut wanted: Vec<(f64, [u32; 2])> = Vec::new();
-        in_order(
-            edges.len().div_ceil(BLOCK) as u64,
-            work.threads,
-            work.progress,
-            |block, out: &mut Vec<(f64, [u32; 2])>| {
-                out.clear();
-                let from = block as usize * BLOCK;
-                let some = &edges[from..edges.len().min(from + BLOCK)];
-                out.extend(
-                    some.iter().filter_map(|&edge| Some((gain(surface, edge, work)?, edge))),
-                );
-                Ok(())
-            },
-            |_, out| {
-                wanted.append(out);
-                Ok(())
-            },
-        )?;
+        let means = (work.threads, work.progress);
+        in_blocks((edges.len(), BLOCK), means, &mut wanted, |some, out| {
+            let gains = |&edge: &[u32; 2]| Some((gain(surface, edge, work)?, edge));
+            out.extend(edges[some].iter().filter_map(gains));
+            Ok(())
+        })?;
         wanted.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         let mut is_touched = vec![false; surface.triangles.len()];
         let mut n_round = 0;

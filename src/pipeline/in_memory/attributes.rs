@@ -11,7 +11,7 @@ use crate::mesh::codec::{ChannelKind, TEXTURE_NAMES, VertexCodec};
 use crate::mesh::patches::{PatchCount, WholeValues};
 use crate::mesh::property::{Origin, Property, Scalar, read_scalar};
 use crate::mesh::record::VertexSchema;
-use crate::system::parallel::in_order;
+use crate::system::parallel::in_blocks;
 use crate::system::progress::Progress;
 use std::ops::Range;
 
@@ -168,33 +168,21 @@ impl<'a> Attributes<'a> {
         &self,
         mesh: &mut Mesh,
         ids: &[u32],
-        (threads, progress): (usize, &Progress),
+        means: (usize, &Progress),
     ) -> Result<()> {
         let Some((schema, codec)) = &self.plan else { return Ok(()) };
         let (n_channels, n_vertices) = (codec.n_channels(), mesh.positions.len());
         mesh.n_channels = n_channels;
         mesh.channels.reserve_exact(n_vertices * n_channels);
-        in_order(
-            n_vertices.div_ceil(BLOCK) as u64,
-            threads,
-            progress,
-            |block, out: &mut Vec<f32>| {
-                let first = block as usize * BLOCK;
-                let last = (first + BLOCK).min(n_vertices);
-                out.clear();
-                out.resize((last - first) * n_channels, 0.0);
-                let mut record = Vec::new();
-                for (row, &id) in ids[first..last].iter().enumerate() {
-                    self.gather(id, schema.position_bytes(), &mut record);
-                    codec.decode_channels(&record, &mut out[row * n_channels..]);
-                }
-                Ok(())
-            },
-            |_, block| {
-                mesh.channels.extend_from_slice(block);
-                Ok(())
-            },
-        )
+        in_blocks((n_vertices, BLOCK), means, &mut mesh.channels, |some, out| {
+            out.resize(some.len() * n_channels, 0.0);
+            let mut record = Vec::new();
+            for (row, &id) in ids[some].iter().enumerate() {
+                self.gather(id, schema.position_bytes(), &mut record);
+                codec.decode_channels(&record, &mut out[row * n_channels..]);
+            }
+            Ok(())
+        })
     }
 
     /// Records of the vertices of a result; labels come from the vertex that survived as each (`source`).

@@ -14,7 +14,7 @@ use crate::mesh::global_vertex::GlobalVertex;
 use crate::stages::partition::chosen;
 use crate::store::cell_id::CellId;
 use crate::store::cells::{CellMesh, CellTree, TurnedFrame, n_samples, plan_cells};
-use crate::system::parallel::in_order;
+use crate::system::parallel::in_blocks;
 use crate::system::progress::Progress;
 use std::ops::Range;
 
@@ -132,23 +132,12 @@ fn cells_of_vertices(
     let bounds = Bounds::around(&mesh.positions).or_origin();
     let tree = CellTree::build(TurnedFrame::new(round, bounds), &samples, n_cells);
     let mut cell_of = Vec::with_capacity(mesh.positions.len());
-    in_order(
-        n_vertices.div_ceil(BLOCK as u64),
-        threads,
-        progress,
-        |block, out: &mut Vec<CellId>| {
-            let first = block as usize * BLOCK;
-            let last = (first + BLOCK).min(mesh.positions.len());
-            let mut finder = tree.finder();
-            out.clear();
-            out.extend(mesh.positions[first..last].iter().map(|&p| finder.cell_of(p)));
-            Ok(())
-        },
-        |_, block| {
-            cell_of.append(block);
-            Ok(())
-        },
-    )?;
+    let blocks = (mesh.positions.len(), BLOCK);
+    in_blocks(blocks, (threads, progress), &mut cell_of, |some, out| {
+        let mut finder = tree.finder();
+        out.extend(mesh.positions[some].iter().map(|&p| finder.cell_of(p)));
+        Ok(())
+    })?;
     Ok(cell_of)
 }
 

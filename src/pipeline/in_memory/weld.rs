@@ -6,7 +6,7 @@
 use crate::config::Config;
 use crate::error::Result;
 use crate::io::ply::raw::RawFile;
-use crate::io::ply::{BLOCK_ROWS, FaceBlock, MeshSource, ReadOptions, VertexBlock};
+use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::{StageOptions, Weld, WeldOptions, weld_vertices};
 
 /// A mesh without copies.
@@ -73,21 +73,17 @@ pub(super) fn weld(
         ids: Vec::new(),
         numbers: source.joined_numbers().map(joined_numbers).transpose()?,
     };
-    let (mut vertices, mut faces) = (VertexBlock::default(), FaceBlock::default());
     let schema = source.schema();
-    for index in 0..source.n_vertex_blocks() {
-        source.read_vertices(index, &mut vertices)?;
-        debug_assert_eq!(vertices.first, index * BLOCK_ROWS);
-        for record in vertices.records.chunks_exact(schema.record_bytes()) {
-            welded.positions.push(schema.position(record));
-            let row = record[schema.position_bytes()..].first_chunk::<4>();
-            welded.ids.push(u32::from_le_bytes(*row.expect("a row is four bytes")));
-        }
-    }
-    for index in 0..source.n_face_blocks() {
-        source.read_faces(index, &mut faces)?;
+    source.each_vertex(|_, record| {
+        welded.positions.push(schema.position(record));
+        let row = record[schema.position_bytes()..].first_chunk::<4>();
+        welded.ids.push(u32::from_le_bytes(*row.expect("a row is four bytes")));
+        Ok(())
+    })?;
+    source.each_face_block(|faces| {
         welded.triangles.extend(faces.triangles.iter().map(|t| t.map(|v| v as u32)));
-    }
+        Ok(())
+    })?;
     Ok(welded)
 }
 

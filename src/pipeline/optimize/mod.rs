@@ -11,9 +11,9 @@ use super::run_report::{OutputReport, RunReport, StageReport};
 use super::{methods, pairs};
 use crate::config::{Config, Method};
 use crate::error::Result;
-use crate::io::ply::{FaceBlock, MeshSource, VertexBlock};
+use crate::io::ply::MeshSource;
+use crate::measure::load::load_with;
 use crate::measure::temp_store::Cutting;
-use crate::mesh::Mesh;
 use crate::methods::Made;
 use crate::optimize::{self, Drawing, Settings};
 use crate::store::job::fingerprint::{input_marks, unchanged};
@@ -44,7 +44,14 @@ fn optimize_result(run: &DerivedRun) -> Result<RunReport> {
     job.clear_scratch()?;
     let result = open(&path.as_path().into(), config, false)?;
     let codec = result.schema().kernel_codec(&config.attributes.labels);
-    let mut made = load(&result, config, progress)?;
+    let mesh = load_with(&result, Some(&codec), config.threads.get(), progress)?.mesh;
+    let mut made = Made { mesh, ..Made::default() };
+    if !result.schema().properties.is_empty() {
+        result.each_vertex_block(|block| {
+            made.records.extend_from_slice(&block.records);
+            Ok(())
+        })?;
+    }
     let n_triangles = made.mesh.triangles.len() as u64;
     let start = Instant::now();
     progress.begin("points", 1, N_STEPS, report.input.triangles);
@@ -102,35 +109,4 @@ fn run_before(path: &Path, config: &Config, progress: &Progress) -> Result<RunRe
         unreachable!("a run before an optimisation does not end early")
     };
     Ok(report)
-}
-
-/// Reads the result with what its vertices carry.
-fn load(source: &MeshSource, config: &Config, progress: &Progress) -> Result<Made> {
-    let schema = source.schema();
-    let codec = schema.kernel_codec(&config.attributes.labels);
-    let record_bytes = schema.record_bytes();
-    let mut mesh = Mesh { n_channels: codec.n_channels(), ..Mesh::default() };
-    let mut records = Vec::new();
-    let mut block = VertexBlock::default();
-    for index in 0..source.n_vertex_blocks() {
-        progress.check()?;
-        source.read_vertices(index, &mut block)?;
-        for record in block.records.chunks_exact(record_bytes) {
-            mesh.positions.push(schema.position(record));
-            let start = mesh.channels.len();
-            mesh.channels.resize(start + mesh.n_channels, 0.0);
-            codec.decode_channels(record, &mut mesh.channels[start..]);
-        }
-        if !schema.properties.is_empty() {
-            records.extend_from_slice(&block.records);
-        }
-    }
-    let mut block = FaceBlock::default();
-    for index in 0..source.n_face_blocks() {
-        progress.check()?;
-        source.read_faces(index, &mut block)?;
-        // The result has fewer vertices than 2^32: it fits into memory as it is.
-        mesh.triangles.extend(block.triangles.iter().map(|t| t.map(|v| v as u32)));
-    }
-    Ok(Made { mesh, records, ..Made::default() })
 }

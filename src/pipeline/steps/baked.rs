@@ -10,9 +10,7 @@ use crate::error::{Error, Result};
 use crate::io::materials::all_missing;
 use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 use crate::io::ply::raw::RawFile;
-use crate::io::ply::{
-    Encoding, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle, VertexBlock,
-};
+use crate::io::ply::{Encoding, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle};
 use crate::io::{
     MeshSink, NUMBER, NameUse, OutputFormat, OutputKind, StageOptions, TexturePlan, TextureRequest,
 };
@@ -154,15 +152,13 @@ impl SimplifyRun<'_> {
         let (disk, replace) = (self.run.disk().clone(), config.job.force);
         let format = OutputFormat { kind: Some(self.config.kind()?), ..config.format };
         let mut sink = MeshSink::create(Place { path, disk, replace }, header, format)?;
-        let mut block = VertexBlock::default();
-        for i in 0..shape.n_vertex_blocks() {
+        shape.each_vertex_block(|block| {
             self.run.progress.check()?;
-            shape.read_vertices(i, &mut block)?;
             let records = block.records.chunks_exact(shape.schema().record_bytes());
             let bytes =
                 records.flat_map(|record| kept.iter().flat_map(|range| &record[range.clone()]));
-            sink.write_vertices(&bytes.copied().collect::<Vec<u8>>())?;
-        }
+            sink.write_vertices(&bytes.copied().collect::<Vec<u8>>())
+        })?;
         let n_rows = shape.n_face_rows();
         let mut corners = Records::<{ Corner::BYTES }>::open(&baked.corners, n_rows)?;
         let mut tangents = match &baked.tangents {
