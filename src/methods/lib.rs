@@ -14,12 +14,17 @@ mod load;
 mod manifold;
 pub mod pairs;
 mod positions;
+mod reports;
 pub mod retile;
 mod sums;
 mod surface;
 
 pub use manifold::TRIANGLE_BYTES as MANIFOLD_TRIANGLE_BYTES;
 pub use positions::{FileOrder, Positions, page_bytes};
+pub use reports::{
+    DecimationReport, EdgesReport, GridReport, MethodReport, PairsReport, RetilingReport,
+    SpreadReport,
+};
 use std::collections::BTreeMap;
 use stonecut_mesh::Mesh;
 use stonecut_mesh::bounds::Bounds;
@@ -38,10 +43,10 @@ pub struct Made {
     pub faults: BTreeMap<String, u64>,
     /// The box of all vertices of the input.
     pub bounds: Bounds,
-    /// Counts of the method itself, by name.
-    pub counts: BTreeMap<String, u64>,
-    /// Lengths that the method itself chose or found, by name, in input units.
-    pub lengths: BTreeMap<String, f64>,
+    /// Vertices added where sheets shared one, if the mesh was taken apart.
+    pub copied_vertices: Option<u64>,
+    /// Its part of the report.
+    pub report: MethodReport,
 }
 
 impl Made {
@@ -62,6 +67,6 @@ impl Made {
             mesh.channels.extend_from_within(v * mesh.n_channels..(v + 1) * mesh.n_channels);
             self.records.extend_from_within(v * record_bytes..(v + 1) * record_bytes);
         }
-        self.counts.insert("copied_vertices".to_owned(), copies.len() as u64);
+        self.copied_vertices = Some(copies.len() as u64);
     }
 }

@@ -12,7 +12,6 @@ mod fit;
 pub mod in_memory;
 mod kernel_side;
 pub(crate) mod max_error;
-mod method_reports;
 pub mod methods;
 pub mod optimize;
 pub mod pairs;

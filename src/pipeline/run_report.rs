@@ -3,13 +3,13 @@
 //! docs/report.md describes every key, docs/report.schema.json says the same for machines, and tests/command/report_schema.rs holds
 //! real reports against both.
 
-pub use super::method_reports::{
-    DecimationReport, EdgesReport, GridReport, PairsReport, RetilingReport, SpreadReport,
-};
 use crate::io::ply::{MeshSource, PartReport, WeldReport, type_name};
 use crate::io::{NUMBER, OBJECT, OutputKind, TexturePlan};
 use crate::mesh::bounds::Bounds;
 use crate::mesh::face_properties::{FacePolicy, FacePropertyPlan};
+pub use crate::methods::{
+    DecimationReport, EdgesReport, GridReport, PairsReport, RetilingReport, SpreadReport,
+};
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
 use crate::system::losses::Ledger;
 use crate::system::memory::peak_bytes;

@@ -12,7 +12,7 @@ mod pass;
 mod survey;
 
 use super::sums::LEAST_SINGULAR;
-use super::{FileOrder, Made, Positions, page_bytes};
+use super::{FileOrder, GridReport, Made, MethodReport, Positions, page_bytes};
 use attributes::{CellAttributes, attribute_bytes, attributes};
 use grid::CubeGrid;
 use pass::{Clustered, batch_bytes, pass};
@@ -126,9 +126,7 @@ pub fn cluster(source: &MeshSource, settings: Settings, progress: &Progress) -> 
         };
         let Some(next) = next else {
             drop(positions);
-            let mut made = made(source, settings, &grid, done, progress)?;
-            made.counts.insert("passes".to_owned(), passes as u64);
-            return Ok(made);
+            return made(source, settings, (&grid, passes as u64), done, progress);
         };
         grid = next;
     }
@@ -142,7 +140,7 @@ const UNUSED: u32 = u32::MAX;
 fn made(
     source: &MeshSource,
     settings: Settings,
-    grid: &CubeGrid,
+    (grid, passes): (&CubeGrid, u64),
     done: Clustered,
     progress: &Progress,
 ) -> Result<Made> {
@@ -181,13 +179,15 @@ fn made(
         ("bad_faces".to_owned(), done.n_bad),
     ]);
     made.bounds = settings.survey.bounds;
-    made.lengths = BTreeMap::from([("cell_size".to_owned(), grid.cell_size)]);
-    made.counts = BTreeMap::from([
-        ("cells".to_owned(), keys.len() as u64),
-        ("collapsed_triangles".to_owned(), done.n_collapsed),
-        ("repeated_triangles".to_owned(), done.n_between - done.triangles.len() as u64),
-        ("folded_triangles".to_owned(), done.triangles.n_folded()),
-        ("fins_dropped".to_owned(), n_fins),
-    ]);
+    made.report = MethodReport::Grid(GridReport {
+        cell_size: grid.cell_size,
+        passes,
+        cells: keys.len() as u64,
+        collapsed_triangles: done.n_collapsed,
+        repeated_triangles: done.n_between - done.triangles.len() as u64,
+        folded_triangles: done.triangles.n_folded(),
+        fins_dropped: n_fins,
+        ..GridReport::default()
+    });
     Ok(made)
 }

@@ -8,13 +8,13 @@
 mod classify;
 mod fill;
 
-use super::Made;
 use super::load::{LoadedMesh, for_records, load, load_bytes};
 use super::surface::Surface;
+use super::{DecimationReport, Made, MethodReport};
 use classify::{Around, Kind};
 use fill::{Refusal, fill};
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BinaryHeap};
+use std::collections::BinaryHeap;
 use stonecut_io::ply::MeshSource;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::codec::VertexCodec;
@@ -66,21 +66,16 @@ pub fn decimate(source: &MeshSource, settings: Settings, progress: &Progress) ->
     let surface = Surface::new(positions, triangles);
     let mut run = Run::new(surface, settings);
     run.drain(false, progress)?;
-    let before_corners = run.n_removed.values().sum::<u64>();
+    let before_corners = run.n_removed();
     if run.surface.n_alive() as u64 > settings.target {
         run.drain(true, progress)?;
     }
-    let n_removed = run.n_removed.values().sum::<u64>();
     let mut made = made(source, settings.codec, &run, progress)?;
     made.faults = faults;
-    made.counts.extend(run.n_removed.iter().map(|(kind, n)| ((*kind).to_owned(), *n)));
-    made.counts.extend([
-        ("removed_beyond_features".to_owned(), n_removed - before_corners),
-        ("refused_split".to_owned(), run.n_unsplit),
-        ("refused_topology".to_owned(), run.n_refused),
-    ]);
+    let removed_beyond_features = run.n_removed() - before_corners;
     made.bounds = Bounds::around(&run.surface.positions);
-    made.lengths.insert("farthest".to_owned(), run.farthest);
+    let report = DecimationReport { removed_beyond_features, ..run.report };
+    made.report = MethodReport::Decimation(report);
     Ok(made)
 }
 
@@ -94,10 +89,7 @@ struct Run<'a> {
     /// The cost of each vertex as it is in the queue; infinite for one that cannot go.
     cost: Vec<f32>,
     queue: BinaryHeap<Reverse<(u32, u32)>>,
-    n_removed: BTreeMap<&'static str, u64>,
-    n_unsplit: u64,
-    n_refused: u64,
-    farthest: f64,
+    report: DecimationReport,
 }
 
 impl Run<'_> {
@@ -110,11 +102,14 @@ impl Run<'_> {
             handed: vec![0.0; n],
             cost: vec![f32::INFINITY; n],
             queue: BinaryHeap::new(),
-            n_removed: BTreeMap::new(),
-            n_unsplit: 0,
-            n_refused: 0,
-            farthest: 0.0,
+            report: DecimationReport::default(),
         }
+    }
+
+    fn n_removed(&self) -> u64 {
+        let DecimationReport { removed_simple, removed_boundary, .. } = self.report;
+        let DecimationReport { removed_interior_edge, removed_corner, .. } = self.report;
+        removed_simple + removed_boundary + removed_interior_edge + removed_corner
     }
 
     /// Removes the vertex of least cost again and again; corners only if `takes_corners`.
@@ -179,14 +174,14 @@ impl Run<'_> {
                     return;
                 }
                 self.surface.replace(&around.triangles, &filling);
-                let name = match around.kind {
-                    Kind::Simple => "removed_simple",
-                    Kind::Boundary => "removed_boundary",
-                    Kind::InteriorEdge => "removed_interior_edge",
-                    Kind::Corner | Kind::Complex => "removed_corner",
-                };
-                *self.n_removed.entry(name).or_default() += 1;
-                self.farthest = self.farthest.max(f64::from(cost));
+                let report = &mut self.report;
+                *match around.kind {
+                    Kind::Simple => &mut report.removed_simple,
+                    Kind::Boundary => &mut report.removed_boundary,
+                    Kind::InteriorEdge => &mut report.removed_interior_edge,
+                    Kind::Corner | Kind::Complex => &mut report.removed_corner,
+                } += 1;
+                report.farthest = report.farthest.max(f64::from(cost));
                 for &neighbour in &around.ring {
                     let handed = &mut self.handed[neighbour as usize];
                     *handed = handed.max(cost);
@@ -194,8 +189,8 @@ impl Run<'_> {
                 }
             }
             // It stays until its surroundings change.
-            Err(Refusal::Split) => self.n_unsplit += 1,
-            Err(Refusal::Topology) => self.n_refused += 1,
+            Err(Refusal::Split) => self.report.refused_split += 1,
+            Err(Refusal::Topology) => self.report.refused_topology += 1,
         }
     }
 }

@@ -14,7 +14,7 @@ mod quadric;
 
 use super::load::{LoadedMesh, for_records, load};
 use super::surface::Surface;
-use super::{MANIFOLD_TRIANGLE_BYTES, Made};
+use super::{MANIFOLD_TRIANGLE_BYTES, Made, MethodReport, PairsReport};
 use contract::{Contraction, plan, plan_at_hub};
 use quadric::PairQuadric;
 use std::cmp::Reverse;
@@ -84,13 +84,12 @@ pub fn contract_pairs(
     let mut made = made(source, settings.codec, &run, carried, origin, progress)?;
     made.take_apart();
     (made.faults, made.bounds) = (faults, bounds);
-    made.counts.extend([
-        ("virtual_pairs".to_owned(), run.n_found),
-        ("contracted_edges".to_owned(), run.n_edges),
-        ("contracted_pairs".to_owned(), run.n_pairs),
-        ("cancelled_triangles".to_owned(), run.n_cancelled),
-        ("refused".to_owned(), run.n_refused),
-    ]);
+    made.report = MethodReport::Pairs(PairsReport {
+        triangles_before: source.n_triangles(),
+        triangles_after: made.mesh.triangles.len() as u64,
+        copied_vertices: made.copied_vertices.unwrap_or(0),
+        ..run.report
+    });
     Ok(made)
 }
 
@@ -153,11 +152,7 @@ struct Run {
     /// Vertices of more than `HUB` triangles. They stay where they are: then a contraction changes few of these.
     is_hub: Vec<bool>,
     queue: BinaryHeap<Entry>,
-    n_found: u64,
-    n_edges: u64,
-    n_pairs: u64,
-    n_cancelled: u64,
-    n_refused: u64,
+    report: PairsReport,
 }
 
 impl Run {
@@ -172,11 +167,7 @@ impl Run {
             changes: vec![0; n],
             is_hub: vec![false; n],
             queue: BinaryHeap::new(),
-            n_found: 0,
-            n_edges: 0,
-            n_pairs: 0,
-            n_cancelled: 0,
-            n_refused: 0,
+            report: PairsReport::default(),
         }
     }
 
@@ -208,7 +199,7 @@ impl Run {
         for [a, b] in near::pairs(&self.surface) {
             self.partners[a as usize].push(b);
             self.partners[b as usize].push(a);
-            self.n_found += 1;
+            self.report.virtual_pairs += 1;
         }
         let mut edges: Vec<[u32; 2]> = self
             .surface
@@ -290,7 +281,7 @@ impl Run {
                 [true, true] => Err(contract::Refusal::Topology),
             };
             let Ok(contraction) = planned else {
-                self.n_refused += 1;
+                self.report.refused += 1;
                 continue;
             };
             let whole = cost + contraction.lost;
@@ -321,11 +312,11 @@ impl Run {
         // Two vertices in one place: what the first one carries.
         carried.blend(a, b, if along.is_finite() { along.clamp(0.0, 1.0) } else { 0.0 });
         if contraction.is_edge {
-            self.n_edges += 1
+            self.report.contracted_edges += 1
         } else {
-            self.n_pairs += 1
+            self.report.contracted_pairs += 1
         }
-        self.n_cancelled += contraction.n_cancelled as u64;
+        self.report.cancelled_triangles += contraction.n_cancelled as u64;
         self.surface.replace(&contraction.hole, &contraction.filling);
         self.surface.positions[a as usize] = place;
         let sum = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
@@ -514,7 +505,13 @@ mod tests {
             }
         }
         assert!(!sides.is_empty() && sides.values().all(|&n| n == 0), "{sides:?}");
-        let facts = [run.n_found, run.n_edges, run.n_pairs, run.n_cancelled, run.n_refused];
-        assert!(run.n_pairs > 0 && run.n_cancelled > 0, "{facts:?}");
+        let facts = [
+            run.report.virtual_pairs,
+            run.report.contracted_edges,
+            run.report.contracted_pairs,
+            run.report.cancelled_triangles,
+            run.report.refused,
+        ];
+        assert!(run.report.contracted_pairs > 0 && run.report.cancelled_triangles > 0, "{facts:?}");
     }
 }

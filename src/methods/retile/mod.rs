@@ -15,11 +15,11 @@ mod seeds;
 mod shape;
 
 use super::load::{LoadedMesh, for_records, load, load_bytes};
-use super::{MANIFOLD_TRIANGLE_BYTES, Made};
+use super::{MANIFOLD_TRIANGLE_BYTES, Made, MethodReport, RetilingReport};
 use clusters::{CLUSTER_BYTES, Clusters, FURTHER_PASSES, NONE, PASSES, SETTLING_PASSES};
 use dual::Dual;
 use refine::{Surface, VERTEX_BYTES};
-use shape::Shapes;
+use shape::shapes;
 use std::collections::{BTreeSet, HashMap};
 use stonecut_io::ply::MeshSource;
 use stonecut_mesh::Mesh;
@@ -123,22 +123,17 @@ pub fn retile(source: &MeshSource, settings: Settings, progress: &Progress) -> R
     let n_dropped = dual.drop_pillows();
     let mut made = made(source, &surface, n_given, &clusters, &dual, settings.codec, progress)?;
     made.take_apart();
-    let shapes = Shapes::of(&made.mesh);
+    let (angles, edges) = shapes(&made.mesh);
     (made.faults, made.bounds) = (faults, bounds);
-    for (name, count) in [
-        ("surface_vertices", surface.positions.len() as u64),
-        ("passes", clusters.n_passes),
-        ("split_for_topology", n_mended),
-        ("dropped_triangles", n_dropped),
-    ] {
-        made.counts.insert(name.to_owned(), count);
-    }
-    for (name, value) in ["smallest", "p01", "median"].into_iter().zip(shapes.angles) {
-        made.lengths.insert(format!("angle_{name}"), value);
-    }
-    for (name, value) in ["shortest", "median", "longest"].into_iter().zip(shapes.edges) {
-        made.lengths.insert(format!("edge_{name}"), value);
-    }
+    made.report = MethodReport::Retiling(RetilingReport {
+        angles,
+        edges,
+        surface_vertices: surface.positions.len() as u64,
+        passes: clusters.n_passes,
+        split_for_topology: n_mended,
+        dropped_triangles: n_dropped,
+        copied_vertices: made.copied_vertices.unwrap_or(0),
+    });
     progress.add(source.n_triangles() - 3 * (source.n_triangles() / 4));
     Ok(made)
 }

@@ -10,10 +10,7 @@ use super::concluded::abandon;
 use super::derived::{DerivedRun, derive};
 use super::optimize::check::check as check_optimize;
 use super::prepare::{before_opening, check_labels};
-use super::run_report::{
-    DecimationReport, EdgesReport, FaceReport, GridReport, InputReport, OutputReport,
-    RetilingReport, RunReport, SpreadReport,
-};
+use super::run_report::{FaceReport, InputReport, OutputReport, RunReport};
 use super::run_report::{QualityReport, StageReport, StopReason};
 use crate::config::{Config, Method, Target};
 use crate::error::{Error, Result};
@@ -21,8 +18,8 @@ use crate::io::check_range;
 use crate::io::ply::{MeshSource, type_name};
 use crate::mesh::face_properties::FacePolicy;
 use crate::mesh::vec3::{length_sq, sub};
-use crate::methods::Made;
 use crate::methods::cluster::{self, Survey, Wanted};
+use crate::methods::{GridReport, Made, MethodReport};
 use crate::methods::{decimate, retile};
 use crate::store::job::fingerprint::{marks_beside, unchanged};
 use crate::system::json_keys::SCHEMA_VERSION;
@@ -210,12 +207,12 @@ fn simplify_in_memory(
 }
 
 fn nothing_left(config: &Config, made: &Made) -> Error {
-    let what = match made.lengths.get("cell_size") {
-        Some(size) => format!(
+    let what = match &made.report {
+        MethodReport::Grid(GridReport { cell_size: size, .. }) => format!(
             "no triangle has its corners in three cells of {size}; ask for more triangles, or give a smaller --grid; \
              nothing was written"
         ),
-        None => "no triangle is left; nothing was written".to_owned(),
+        _ => "no triangle is left; nothing was written".to_owned(),
     };
     Error::Empty { path: config.output.clone(), what }
 }
@@ -231,9 +228,7 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
     faults.insert("bad_vertices".to_owned(), found.bad_vertices);
     faults.insert("missing_faces".to_owned(), found.missing_faces);
     faults.insert("missing_vertices".to_owned(), found.missing_vertices);
-    let count = |name: &str| made.counts.get(name).copied().unwrap_or(0);
-    let length = |name: &str| made.lengths.get(name).copied().unwrap_or(0.0);
-    RunReport {
+    let mut report = RunReport {
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION").to_owned(),
         method: config.method.name().to_owned(),
@@ -255,46 +250,19 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
             (_, false, _) => StopReason::NothingRemovable,
         }
         .to_string(),
-        grid: matches!(config.method, Method::Cluster { .. }).then(|| GridReport {
-            cell_size: length("cell_size"),
-            passes: count("passes"),
-            cells: count("cells"),
-            expected_triangles: plan.expected_triangles,
-            collapsed_triangles: count("collapsed_triangles"),
-            repeated_triangles: count("repeated_triangles"),
-            folded_triangles: count("folded_triangles"),
-            fins_dropped: count("fins_dropped"),
-            copied_vertices: made.counts.get("copied_vertices").copied(),
-        }),
-        decimation: matches!(config.method, Method::Decimate { .. }).then(|| DecimationReport {
-            removed_simple: count("removed_simple"),
-            removed_boundary: count("removed_boundary"),
-            removed_interior_edge: count("removed_interior_edge"),
-            removed_corner: count("removed_corner"),
-            removed_beyond_features: count("removed_beyond_features"),
-            refused_split: count("refused_split"),
-            refused_topology: count("refused_topology"),
-            farthest: length("farthest"),
-        }),
-        retiling: matches!(config.method, Method::Retile { .. }).then(|| RetilingReport {
-            angles: SpreadReport {
-                smallest: length("angle_smallest"),
-                p01: length("angle_p01"),
-                median: length("angle_median"),
-            },
-            edges: EdgesReport {
-                shortest: length("edge_shortest"),
-                median: length("edge_median"),
-                longest: length("edge_longest"),
-            },
-            surface_vertices: count("surface_vertices"),
-            passes: count("passes"),
-            split_for_topology: count("split_for_topology"),
-            dropped_triangles: count("dropped_triangles"),
-            copied_vertices: count("copied_vertices"),
-        }),
         ..RunReport::default()
+    };
+    match made.report.clone() {
+        MethodReport::Grid(grid) => {
+            let expected_triangles = plan.expected_triangles;
+            let copied_vertices = made.copied_vertices;
+            report.grid = Some(GridReport { expected_triangles, copied_vertices, ..grid });
+        }
+        MethodReport::Decimation(decimation) => report.decimation = Some(decimation),
+        MethodReport::Retiling(retiling) => report.retiling = Some(retiling),
+        MethodReport::Pairs(_) | MethodReport::None => {}
     }
+    report
 }
 
 /// Mean length of the edges of a result.

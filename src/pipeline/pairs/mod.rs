@@ -9,13 +9,14 @@ pub(super) mod counts;
 use super::derived::{DerivedRun, derive, open, settings, trial_path};
 use super::methods;
 use super::prepare::prepare;
-use super::run_report::{OutputReport, PairsReport, RunReport, StageReport};
+use super::run_report::{OutputReport, RunReport, StageReport};
 use crate::config::{Attributes, Config, Normals, Target};
 use crate::error::{Error, Result};
 use crate::io::OutputFormat;
 use crate::io::ply::MeshSource;
 use crate::kernel;
 use crate::methods::pairs;
+use crate::methods::{MethodReport, PairsReport};
 use crate::store::job::fingerprint::input_marks;
 use crate::system::disk::Disk;
 use crate::system::progress::Progress;
@@ -123,16 +124,8 @@ fn contract(
     let inner = Config { attributes, ..inner };
     let bytes = methods::write::write(&source, &made, &codec, &inner, disk, progress)?;
     let stage = StageReport::since("pairs", start, (n_before, n_out), (source.file_bytes(), bytes));
-    let count = |name: &str| made.counts.get(name).copied().unwrap_or(0);
-    let report = PairsReport {
-        triangles_before: n_before,
-        triangles_after: n_out,
-        virtual_pairs: count("virtual_pairs"),
-        contracted_edges: count("contracted_edges"),
-        contracted_pairs: count("contracted_pairs"),
-        cancelled_triangles: count("cancelled_triangles"),
-        refused: count("refused"),
-        copied_vertices: count("copied_vertices"),
+    let MethodReport::Pairs(report) = made.report else {
+        unreachable!("pairs report their contractions");
     };
     Ok((report, vec![stage]))
 }

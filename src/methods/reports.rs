@@ -1,6 +1,22 @@
-//! Parts of the report that only methods other than the collapse have.
+//! Reports of methods other than the collapse.
 
 use serde::{Deserialize, Serialize};
+
+/// The part of a report that one method has.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum MethodReport {
+    /// Nothing but the mesh.
+    #[default]
+    None,
+    /// Of clustering.
+    Grid(GridReport),
+    /// Of removing vertices.
+    Decimation(DecimationReport),
+    /// Of spreading vertices evenly.
+    Retiling(RetilingReport),
+    /// Of contracting pairs.
+    Pairs(PairsReport),
+}
 
 /// Shapes of evenly spread triangles, and the way to them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
