@@ -14,9 +14,7 @@ use super::session::{Command, Session};
 use super::split::{self, Splitting};
 use super::used::Used;
 use crate::error::{Error, Offers, Result};
-use crate::io::ply::{
-    FaceBlock, FaceSchema, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle,
-};
+use crate::io::ply::{FaceBlock, FaceSchema, MeshSource, Place, ReadOptions, TexturedTriangle};
 use crate::io::{
     DuplicateFinder, Duplicates, MeshSink, NameUse, OutputFormat, StageOptions, TextureMode,
     TexturePlan, TextureRequest, Weld, WeldOptions, check_range,
@@ -303,9 +301,7 @@ impl Used {
     ) -> Result<()> {
         let ConvertInput { source, duplicates, .. } = *input;
         let mut header =
-            OutputHeader::new(source.schema().clone(), done.n_vertices, done.n_triangles);
-        header.comments = source.plain_comments();
-        header.obj_infos = source.obj_infos().to_vec();
+            source.kept_header(source.schema().clone(), done.n_vertices, done.n_triangles);
         header.settings = "convert".to_owned();
         header.sort_memory_bytes = header.sort_memory_bytes.min(sort_bytes(input.memory_bytes));
         header.faces = FaceSchema { texture: input.texture, properties: source.face_properties() };

@@ -10,7 +10,7 @@ use super::open_options::StageOptions;
 use crate::ply::header::Encoding;
 use crate::ply::raw::Spool;
 use crate::ply::source::Staged;
-use crate::ply::{BLOCK_ROWS, Faults, MeshSource, OutputHeader, VertexBlock};
+use crate::ply::{BLOCK_ROWS, Faults, MeshSource, VertexBlock};
 use stonecut_mesh::face_properties::{FaceMixer, FacePropertyPlan, Regions};
 use stonecut_mesh::property::Property;
 use stonecut_mesh::record::VertexSchema;
@@ -125,11 +125,7 @@ fn split<const N: usize>(
     }
     let vertices = writer.out;
 
-    let header = OutputHeader {
-        comments: source.plain_comments(),
-        obj_infos: source.obj_infos().to_vec(),
-        ..OutputHeader::new(staged_schema(source.schema(), &carry), n_vertices, n_faces)
-    };
+    let header = source.kept_header(staged_schema(source.schema(), &carry), n_vertices, n_faces);
     let index = header.index_type()?;
     let mut out = options.spool();
     let has_large = most_corners > u32::from(u8::MAX);

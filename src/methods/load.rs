@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use stonecut_io::ply::MeshSource;
 use stonecut_measure::load::{Loaded, load_with};
+use stonecut_mesh::codec::VertexCodec;
 use stonecut_mesh::duplicate_triangles::drop_repeats;
 use stonecut_mesh::orient::{TRIANGLE_BYTES, orient};
 use stonecut_mesh::vec3::Vec3;
@@ -35,6 +36,41 @@ pub(super) fn load(source: &MeshSource, progress: &Progress) -> Result<LoadedMes
         ("bad_faces".to_owned(), n_bad),
     ]);
     Ok(LoadedMesh { positions, triangles, faults })
+}
+
+/// What all vertices carry, one after another.
+pub(super) fn load_channels(
+    source: &MeshSource,
+    codec: &VertexCodec,
+    progress: &Progress,
+) -> Result<Vec<f32>> {
+    let n_channels = codec.n_channels();
+    let mut channels = vec![0.0; n_channels * source.n_vertices() as usize];
+    for_records(source, progress, |vertex, record| {
+        let at = vertex as usize * n_channels;
+        codec.decode_channels(record, &mut channels[at..at + n_channels]);
+    })?;
+    Ok(channels)
+}
+
+/// The records of these vertices, in their order; one may be named often.
+pub(super) fn records_of(
+    source: &MeshSource,
+    vertices: &[u32],
+    progress: &Progress,
+) -> Result<Vec<u8>> {
+    let record_bytes = source.schema().record_bytes();
+    let mut wanted: Vec<(u32, u32)> = vertices.iter().copied().zip(0..).collect();
+    wanted.sort_unstable();
+    let mut next = wanted.into_iter().peekable();
+    let mut records = vec![0; record_bytes * vertices.len()];
+    for_records(source, progress, |vertex, record| {
+        while let Some((_, number)) = next.next_if(|(wanted, _)| u64::from(*wanted) == vertex) {
+            let at = number as usize * record_bytes;
+            records[at..at + record_bytes].copy_from_slice(record);
+        }
+    })?;
+    Ok(records)
 }
 
 /// Gives the record of every vertex, in order.

@@ -186,7 +186,7 @@ fn run(config: &RefineConfig, progress: &Progress) -> Result<Refined> {
     let header = OutputHeader {
         comments: head.comments.clone(),
         obj_infos: head.obj_infos.clone(),
-        settings: settings.iter().map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" "),
+        settings: OutputHeader::line_of(&settings),
         ..OutputHeader::new(mesh.schema().clone(), 0, 0)
     };
     let place = Place { path: config.output.clone(), disk: Disk::default(), replace: config.force };

@@ -65,6 +65,12 @@ impl OutputHeader {
         }
     }
 
+    /// Settings as the line of the header has them.
+    pub fn line_of<'a>(settings: impl IntoIterator<Item = (&'a String, &'a String)>) -> String {
+        let settings = settings.into_iter().map(|(name, value)| format!("{name}={value}"));
+        settings.collect::<Vec<_>>().join(" ")
+    }
+
     /// The type of corner indices: `int`, above 2^31 vertices `uint`; above 2^32 there is none.
     pub fn index_type(&self) -> Result<Scalar> {
         match self.n_vertices {

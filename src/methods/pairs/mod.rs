@@ -12,7 +12,7 @@ mod contract;
 mod near;
 mod quadric;
 
-use super::load::{LoadedMesh, for_records, load};
+use super::load::{LoadedMesh, load, load_channels, records_of};
 use super::surface::Surface;
 use super::{MANIFOLD_TRIANGLE_BYTES, Made, MethodReport, PairsReport};
 use contract::{Contraction, plan, plan_at_hub};
@@ -106,17 +106,12 @@ impl CarriedChannels {
         codec: &VertexCodec,
         progress: &Progress,
     ) -> Result<CarriedChannels> {
-        let n = source.n_vertices() as usize;
-        let has_any = !source.schema().properties.is_empty();
-        let n_channels = if has_any { codec.n_channels() } else { 0 };
-        let mut channels = vec![0.0; n * n_channels];
-        if has_any {
-            for_records(source, progress, |vertex, record| {
-                let at = vertex as usize * n_channels;
-                codec.decode_channels(record, &mut channels[at..at + n_channels]);
-            })?;
-        }
-        Ok(CarriedChannels { n_channels, channels, origin: (0..n as u32).collect() })
+        let (n_channels, channels) = match source.schema().properties.is_empty() {
+            true => (0, Vec::new()),
+            false => (codec.n_channels(), load_channels(source, codec, progress)?),
+        };
+        let origin = (0..source.n_vertices() as u32).collect();
+        Ok(CarriedChannels { n_channels, channels, origin })
     }
 
     /// Gives `a` what lies at this share of the way from it to `b`.
@@ -388,28 +383,19 @@ fn made(
     let mut made = Made::default();
     let mut wanted = Vec::new();
     for vertex in (0..surface.positions.len() as u32).filter(|&v| surface.is_used(v)) {
-        let (v, number) = (vertex as usize, made.mesh.positions.len() as u32);
-        numbers[v] = number;
+        let v = vertex as usize;
+        numbers[v] = made.mesh.positions.len() as u32;
         made.mesh.positions.push(add(surface.positions[v], origin));
         let at = v * carried.n_channels;
         made.mesh.channels.extend_from_slice(&carried.channels[at..at + carried.n_channels]);
-        wanted.push((carried.origin[v], number));
+        wanted.push(carried.origin[v]);
     }
     made.mesh.triangles = surface.alive().map(|t| t.map(|v| numbers[v as usize])).collect();
     if source.schema().properties.is_empty() {
         return Ok(made);
     }
     made.mesh.n_channels = codec.n_channels();
-    let record_bytes = source.schema().record_bytes();
-    made.records = vec![0; record_bytes * made.mesh.positions.len()];
-    wanted.sort_unstable();
-    let mut next = wanted.into_iter().peekable();
-    for_records(source, progress, |vertex, record| {
-        while let Some((_, number)) = next.next_if(|(origin, _)| u64::from(*origin) == vertex) {
-            let at = number as usize * record_bytes;
-            made.records[at..at + record_bytes].copy_from_slice(record);
-        }
-    })?;
+    made.records = records_of(source, &wanted, progress)?;
     Ok(made)
 }
 

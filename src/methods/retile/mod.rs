@@ -14,7 +14,7 @@ mod refine;
 mod seeds;
 mod shape;
 
-use super::load::{LoadedMesh, for_records, load, load_bytes};
+use super::load::{LoadedMesh, load, load_bytes, load_channels, records_of};
 use super::{MANIFOLD_TRIANGLE_BYTES, Made, MethodReport, RetilingReport};
 use clusters::{CLUSTER_BYTES, Clusters, FURTHER_PASSES, NONE, PASSES, SETTLING_PASSES};
 use dual::Dual;
@@ -237,11 +237,8 @@ fn made(
         return Ok(out);
     }
     let n_channels = codec.n_channels();
-    let mut channels = vec![0.0f32; n_channels * surface.positions.len()];
-    for_records(source, progress, |vertex, record| {
-        let at = vertex as usize * n_channels;
-        codec.decode_channels(record, &mut channels[at..at + n_channels]);
-    })?;
+    let mut channels = load_channels(source, codec, progress)?;
+    channels.resize(n_channels * surface.positions.len(), 0.0);
     // Middles come after the ends of their edges.
     let mut origin: Vec<u32> = (0..n_given as u32).collect();
     for &[a, b] in &surface.ends {
@@ -286,17 +283,7 @@ fn made(
     };
     out.mesh.n_channels = n_channels;
     out.mesh.channels = sums.iter().enumerate().map(mean).collect();
-    let record_bytes = source.schema().record_bytes();
-    let mut wanted: Vec<(u32, u32)> =
-        nearest.iter().enumerate().map(|(number, near)| (near.1, number as u32)).collect();
-    wanted.sort_unstable();
-    let mut next = wanted.into_iter().peekable();
-    out.records = vec![0; record_bytes * n_out];
-    for_records(source, progress, |vertex, record| {
-        while let Some((_, number)) = next.next_if(|(origin, _)| u64::from(*origin) == vertex) {
-            let at = number as usize * record_bytes;
-            out.records[at..at + record_bytes].copy_from_slice(record);
-        }
-    })?;
+    let nearest: Vec<u32> = nearest.iter().map(|near| near.1).collect();
+    out.records = records_of(source, &nearest, progress)?;
     Ok(out)
 }

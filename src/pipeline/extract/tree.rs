@@ -152,7 +152,7 @@ impl Tree {
         for (number, group) in self.groups.iter().enumerate() {
             let touches = |bounds: &Bounds| {
                 let tiles = group.own.iter().chain(&group.below);
-                tiles.map(|&node| &self.nodes[node]).any(|node| meets(&node.bounds, bounds))
+                tiles.map(|&node| &self.nodes[node]).any(|node| node.bounds.touches(bounds))
             };
             let is_near =
                 |(bounds, most): &(Bounds, f64)| group.deviation > *most && touches(bounds);
@@ -171,7 +171,7 @@ impl Tree {
                 let finest = node.leaf_deviation + self.rounding();
                 let deviation = node.group.map_or(finest, |group| self.groups[group].deviation);
                 cut.deviation = cut.deviation.max(deviation);
-                let inside = allowed.inside.filter(|(bounds, _)| meets(&node.bounds, bounds));
+                let inside = allowed.inside.filter(|(bounds, _)| node.bounds.touches(bounds));
                 let most = inside.map_or(allowed.outside, |(_, most)| most.min(allowed.outside));
                 // Who asks for 0 wants the finest that there is.
                 let finest = if most > 0.0 { finest } else { node.leaf_deviation };
@@ -195,10 +195,6 @@ impl Tree {
         all.dedup();
         all
     }
-}
-
-fn meets(a: &Bounds, b: &Bounds) -> bool {
-    (0..3).all(|k| a.low[k] <= b.high[k] && b.low[k] <= a.high[k])
 }
 
 /// Groups by level and number: their distance from the input and their tiles.

@@ -26,16 +26,12 @@ pub(in crate::pipeline) fn write(
 ) -> Result<u64> {
     let mesh = &made.mesh;
     let schema = source.schema();
-    let settings = config.settings();
-    let settings: Vec<String> = settings.iter().map(|(k, v)| format!("{k}={v}")).collect();
     let normals = config.attributes.normals;
     let shape = Shape::new(schema, 0, normals, false);
     let (n_vertices, n_faces) = (mesh.positions.len() as u64, mesh.triangles.len() as u64);
     let header = OutputHeader {
-        comments: source.plain_comments(),
-        obj_infos: source.obj_infos().to_vec(),
-        settings: settings.join(" "),
-        ..OutputHeader::new(shape.schema.clone(), n_vertices, n_faces)
+        settings: OutputHeader::line_of(&config.settings()),
+        ..source.kept_header(shape.schema.clone(), n_vertices, n_faces)
     };
     let place =
         Place { path: config.output.clone(), disk: disk.clone(), replace: config.job.force };

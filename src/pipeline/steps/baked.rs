@@ -132,17 +132,14 @@ impl SimplifyRun<'_> {
         // A library of the input is not to be replaced.
         materials.libraries = source.materials().map_or(Vec::new(), |all| all.libraries.clone());
         let plan = TexturePlan::new(Arc::new(materials), &request)?;
-        let settings = config.settings_of_level(self.level).into_iter();
         if baked.holds_vertex_colours {
             source.clamped_colours().into_iter().for_each(|loss| self.run.progress.lose(loss));
         }
         let is_doubled = self.config.kind()? == OutputKind::Glb && baked.holds_vertex_colours;
         let (schema, kept) = written_properties(shape.schema(), is_doubled);
-        let mut header = OutputHeader::new(schema, shape.n_vertices(), shape.n_face_rows());
-        header.comments = shape.plain_comments();
+        let mut header = shape.kept_header(schema, shape.n_vertices(), shape.n_face_rows());
         header.comments.retain(|line| !line.starts_with("stonecut "));
-        header.obj_infos = shape.obj_infos().to_vec();
-        header.settings = settings.map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" ");
+        header.settings = OutputHeader::line_of(&config.settings_of_level(self.level));
         header.faces.texture = true;
         header.has_tangents = baked.tangents.is_some();
         header.faces.properties = shape.face_properties();

@@ -74,11 +74,10 @@ impl SimplifyRun<'_> {
             require_written(&path, written, self.run.job.folder())?;
             return Ok(written);
         }
-        let settings = self.config.settings_of_level(self.level).into_iter();
         let kind = Some(self.config.kind()?);
         let (header, form) = self.form(OutputFormat { kind, ..self.config.format });
         let header = OutputHeader {
-            settings: settings.map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" "),
+            settings: OutputHeader::line_of(&self.config.settings_of_level(self.level)),
             textures,
             sort_memory_bytes: write::sort_memory_bytes(&self.run),
             ..header
@@ -103,11 +102,7 @@ impl SimplifyRun<'_> {
     /// Header and form of a file of survivors of an input.
     pub(super) fn form(&self, format: OutputFormat) -> (OutputHeader, Form) {
         let source = &self.prepared.source;
-        let header = OutputHeader {
-            comments: source.plain_comments(),
-            obj_infos: source.obj_infos().to_vec(),
-            ..OutputHeader::new(source.schema().clone(), 0, 0)
-        };
+        let header = source.kept_header(source.schema().clone(), 0, 0);
         let form = Form {
             format,
             faces: source.carried().cloned().unwrap_or_default(),
