@@ -1,7 +1,7 @@
 //! The memory of a cell, or of the finish, from loading to what is left of it: for the plan and for the stages.
 //!
 //! Measured over a statue, chest CT, a noisy volume, an interior, both forms of a split scan and soups of loose
-//! triangles (docs/results/real-scans.md, "Memory"). Nothing here allocates.
+//! triangles (docs/design/out-of-core.md, "Memory of a cell"). Nothing here allocates.
 
 use stonecut_kernel::{self as kernel, Fit};
 use stonecut_store::cell_id::CellId;
