@@ -29,7 +29,7 @@ pub(super) fn has_own_pace(stage: &str) -> bool {
 
 /// Stages that read and write more than they compute: a slow disk says nothing of the others, nor they of it.
 fn is_pass(stage: &str) -> bool {
-    ["partition", "components", "repartition", "map", "write"].contains(&stage)
+    ["partition", "components", "repartition", "load", "map", "write"].contains(&stage)
 }
 
 /// Share of such a stage that is taken to have been done in no time, so that its first second's estimate is a number.

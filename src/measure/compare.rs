@@ -292,10 +292,17 @@ pub fn compare_in_cells(request: &Request, progress: &Progress) -> Result<Compar
 
 fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
     let options = options(request);
-    progress.begin("measure", 1, 1, request.original.n_triangles());
+    let n_triangles = [request.original, request.simplified].map(MeshSource::n_triangles);
+    progress.begin("load", 1, 2, n_triangles.iter().sum());
+    let load = |source: &MeshSource, n: u64| {
+        let loaded = load::load(source, options.threads, progress)?;
+        progress.add(n);
+        Ok::<_, Error>(loaded)
+    };
+    let mut original = load(request.original, n_triangles[0])?;
+    let mut simplified = load(request.simplified, n_triangles[1])?;
+    progress.begin("measure", 2, 2, n_triangles[0]);
     let threads = options.threads;
-    let mut original = load::load(request.original, threads, progress)?;
-    let mut simplified = load::load(request.simplified, threads, progress)?;
     let bounds = [&original, &simplified].map(|loaded| Bounds::of(&loaded.mesh));
     let unit = Unit::around(&bounds[0].joined(&bounds[1]));
     for loaded in [&mut original, &mut simplified] {

@@ -1,5 +1,6 @@
 //! The forecast of a comparison of two files: memory, temporary files, time.
 
+use crate::Options;
 use crate::compare::{Request, simplified_bytes, taken_bytes, usable_bytes, whole_bytes};
 use stonecut_io::ply::MeshSource;
 use stonecut_stages::partition;
@@ -26,16 +27,38 @@ pub struct MeasurePlan {
     pub stage_seconds: Vec<StageSeconds>,
 }
 
-/// Samples, or triangles, that a core of the reference machine measures in a second.
-const TRIANGLES_PER_SECOND: f64 = 2.6e6;
-/// Seconds of a sample of meshes of a million triangles together; of larger ones they grow with this power of the count.
-const SAMPLE_SECONDS: f64 = 0.75e-6;
-const SAMPLE_POWER: f64 = 0.4;
+/// Seconds of the reference machine for a triangle: that one core reads, and that all look at.
+const LOAD_SECONDS: f64 = 0.35e-6;
+const LOOK_SECONDS: f64 = 0.17e-6;
+/// Seconds of a sample against a mesh of a million triangles; against larger ones they grow with this power of the count.
+/// Statues of 4 k to 4 million triangles.
+const SAMPLE_SECONDS: f64 = 0.66e-6;
+const SAMPLE_POWER: f64 = 0.2;
 /// Seconds of a triangle of the partition, and times as long as in memory, where the original is cut into cells.
 const CUT_SECONDS: f64 = 0.06e-6;
 const IN_CELLS: f64 = 1.2;
 /// Seconds of a certificate for a triangle.
-const CERTIFY_SECONDS: f64 = 1e-6;
+const CERTIFY_SECONDS: f64 = 0.45e-6;
+/// Gain of every core after the first.
+const SECOND_CORE: f64 = 0.76;
+
+/// Cores' worth of work that threads do at a time.
+pub fn cores_of(threads: usize) -> f64 {
+    1.0 + SECOND_CORE * (threads - 1) as f64
+}
+
+/// Expected seconds of the stages of a comparison in memory: `load`, `measure` with samples on both sides, `certify`.
+pub fn stages(triangles: [u64; 2], samples: u64, threads: usize) -> [StageSeconds; 3] {
+    let n = triangles.iter().sum::<u64>() as f64;
+    let of_mesh = |triangles: u64| SAMPLE_SECONDS * (triangles as f64 * 1e-6).powf(SAMPLE_POWER);
+    let of_samples = samples as f64 * triangles.map(of_mesh).iter().sum::<f64>();
+    let cores = cores_of(threads);
+    [
+        ("load", LOAD_SECONDS * n),
+        ("measure", (LOOK_SECONDS * n + of_samples) / cores),
+        ("certify", CERTIFY_SECONDS * n / cores),
+    ]
+}
 
 impl MeasurePlan {
     /// The forecast of `compare`.
@@ -48,18 +71,16 @@ impl MeasurePlan {
         };
         let second = simplified_bytes(request) > usable_bytes(request) / 3;
         let triangles = sources.map(MeshSource::n_triangles);
-        let n = triangles.iter().sum::<u64>() as f64;
-        let of_sample = SAMPLE_SECONDS * (n * 1e-6).powf(SAMPLE_POWER);
-        let seconds = 2.0 * request.options.samples as f64 * of_sample + n / TRIANGLES_PER_SECOND;
-        let threads = request.options.threads as f64;
-        let mut stage_seconds = Vec::new();
-        if in_cells {
-            stage_seconds.push(("partition", CUT_SECONDS * n));
-        }
-        stage_seconds.push(("measure", seconds / threads * if in_cells { IN_CELLS } else { 1.0 }));
-        if request.options.certify.is_some() {
-            stage_seconds.push(("certify", CERTIFY_SECONDS * n / threads));
-        }
+        let Options { samples, threads, certify, .. } = &request.options;
+        let [load, measure, certificate] = stages(triangles, *samples, *threads);
+        let mut stage_seconds = match in_cells {
+            false => vec![load, measure],
+            true => {
+                let n = triangles.iter().sum::<u64>() as f64;
+                vec![("partition", CUT_SECONDS * n), (measure.0, IN_CELLS * (load.1 + measure.1))]
+            }
+        };
+        stage_seconds.extend(certify.iter().map(|_| certificate));
         MeasurePlan {
             triangles,
             samples: request.options.samples,

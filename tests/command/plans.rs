@@ -24,6 +24,7 @@ fn bytes_of_plans_are_those_of_the_runs() {
         ("simplify in.ply p.ply --ratio 5% --progressive p.pm", "p.ply p.pm", true),
         ("simplify in.ply m.ply --ratio 5% --method cluster", "m.ply", true),
         ("simplify half.ply d.ply --ratio 5% --method retile", "d.ply", true),
+        ("simplify in.ply b.ply --max-error 0.5", "b.ply", true),
         ("convert in.ply v.obj", "v.obj", false),
         ("convert in.ply v.glb", "v.glb", false),
         ("convert in.ply v.stl", "v.stl", false),

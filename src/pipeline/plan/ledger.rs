@@ -17,7 +17,7 @@ use crate::stages::simplify::{
     work_bytes,
 };
 use crate::stages::write;
-use crate::store::cells::{CellTally, VertexLayout, plan_cells};
+use crate::store::cells::{CellTally, VertexLayout, plan_cells, survivor_bytes};
 
 /// Safety factor: largest accepted cell relative to the planned size.
 const UNEVEN: f64 = 1.25;
@@ -162,6 +162,17 @@ impl<'a> Course<'a> {
             + tables * write::shared_bytes(shared as u64)
     }
 
+    /// Bytes of this many triangles of a result in the job folder.
+    pub(super) fn survivors(&self, triangles: u64) -> u64 {
+        survivor_bytes(self.tally(triangles), &self.layout)
+    }
+
+    /// The same of the result that the rows of stages are planned with.
+    pub(super) fn planned_survivors(&self) -> u64 {
+        let finish = self.finishes.iter().flatten().next();
+        finish.map_or(0, |finish| self.survivors(finish.after.min(self.triangles_in)))
+    }
+
     /// Use of the job folder.
     fn job(&self, shares: &Shares) -> Job<'_> {
         Job {
@@ -222,13 +233,9 @@ impl<'a> Course<'a> {
                 13 * self.triangles_in + record_bytes * self.source.n_vertices(),
             ));
         }
-        // The next attempt at a bound begins from it.
-        if self.layout.has_reach {
-            let bytes = match self.rounds.first() {
-                Some(&after) => job.survivors(after),
-                None => job.store(self.triangles_in, false),
-            };
-            rows.push(row("first round", bytes as u64));
+        // The next attempt at a bound begins from it; what is left of one round lies there in any case.
+        if let (true, [first, _, ..]) = (self.layout.has_reach, self.rounds.as_slice()) {
+            rows.push(row("first round", job.survivors(*first) as u64));
         }
         // Origins of all rounds and the finish, and what they have left; then the map, and sorts for it.
         if self.config.map.is_some() {

@@ -155,7 +155,13 @@ impl Plan {
                 Ok(output(source, config, vertices, triangles)?.0)
             };
             let [planned, expected] = [self.target, within].map(|n| n.min(self.triangles_in));
-            self.add_output_bytes(bytes(expected)?.saturating_sub(bytes(planned)?));
+            let (before, after) = (bytes(planned)?, bytes(expected)?);
+            self.add_output_bytes(after.saturating_sub(before));
+            // The result of a trial lies in the job folder as rows and as a file.
+            let course = Course::new(source, config)?;
+            let more = course.survivors(expected).saturating_sub(course.planned_survivors());
+            self.temp_bytes += more + after;
+            self.together_bytes += more;
         }
         Ok(())
     }

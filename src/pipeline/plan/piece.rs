@@ -8,8 +8,9 @@ use std::collections::HashMap;
 
 /// Triangles of a piece at most.
 const PIECE: usize = 40_000;
-/// A piece with more vertices a triangle is in pieces itself, and says nothing.
-const LOOSE: f64 = 0.6;
+/// A piece with more vertices a triangle is in pieces itself, and says nothing. Raw marching cubes of 1.5 to 2.7 million triangles,
+/// in the order of their slices, have 0.64 to 0.66, and faces in no order 2.
+const LOOSE: f64 = 0.8;
 /// Inputs with fewer triangles are not worth a look at what a bound leaves of them.
 const BOUNDED_FROM: u64 = 100_000;
 

@@ -11,6 +11,7 @@ use crate::config::Config;
 use crate::io::OutputKind;
 use crate::io::ply::MeshSource;
 use crate::kernel::{self, Fit, Options, Stop};
+use crate::measure;
 use crate::pipeline::fit;
 use crate::stages::simplify::pilot_cells;
 use crate::system::progress::StageSeconds;
@@ -30,17 +31,12 @@ const PILOT: f64 = 0.2;
 /// Of a finish, likewise, then of each million that a fit moves, and of a record of every step.
 const FINISH: [f64; 2] = [0.2, 0.18];
 const FIT: f64 = 2.0;
-const RECORD: f64 = 1.1;
-/// Of a verified result: for its samples, for the input, and for the output.
-const VERIFY_SAMPLES: f64 = 2.4;
-const VERIFY: [f64; 2] = [0.65, 5.0];
+const RECORD: f64 = 2.2;
 /// Of the points of the original that `--optimize` moves a result towards, and of a sweep over them.
 const POINTS: f64 = 0.5;
 const SWEEP: f64 = 3.5;
 /// Of pairs, for each million triangles of the result.
 const PAIRS: f64 = 20.0;
-/// Gain of every core after the first.
-const SECOND_CORE: f64 = 0.76;
 /// Times as long where vertices carry colours or others that have a weight.
 const WITH_PROPERTIES: f64 = 1.9;
 /// Times as long where charts have seams, their way to vertices included.
@@ -51,7 +47,7 @@ const APART: f64 = 2.8;
 const BOUNDED: f64 = 30.0;
 
 /// Shorter runs are not worth a piece that is simplified before.
-const SAMPLE_FROM: f64 = 1.0;
+const SAMPLE_FROM: f64 = 0.5;
 /// A piece lies in the caches and takes this share of a triangle's time in a large mesh.
 const IN_CACHES: f64 = 0.77;
 /// Share of its triangles that the piece is brought to.
@@ -64,7 +60,7 @@ const PACES: std::ops::RangeInclusive<f64> = 0.3..=8.0;
 /// The stages of a run with their seconds, without a bake.
 pub(super) fn of_run(course: &Course, source: &MeshSource, config: &Config) -> Vec<StageSeconds> {
     let million = |triangles: u64| triangles as f64 * 1e-6;
-    let threads = 1.0 + SECOND_CORE * (config.threads.get() - 1) as f64;
+    let threads = measure::plan::cores_of(config.threads.get());
     let times = times(source, config);
     let mut stages = vec![("partition", PARTITION * million(course.triangles_in))];
     if config.min_component.is_some() {
@@ -101,11 +97,9 @@ pub(super) fn of_run(course: &Course, source: &MeshSource, config: &Config) -> V
         stages.insert(stages.len() - 1, ("map", MAP * million(course.triangles_in)));
     }
     if config.checks.verify {
-        let [input, output] = VERIFY;
-        let of_meshes = input * million(course.triangles_in) + output * million(course.targets[0]);
-        let seconds = VERIFY_SAMPLES + of_meshes;
-        stages.push(("measure", 0.6 * seconds / threads));
-        stages.push(("certify", 0.4 * seconds / threads));
+        let triangles = [course.triangles_in, course.targets[0]];
+        let samples = measure::Options::default().samples;
+        stages.extend(measure::plan::stages(triangles, samples, config.threads.get()));
     }
     let [input, output] = [course.triangles_in, course.targets[0]].map(million);
     if let Some(sweeps) = config.optimize {
