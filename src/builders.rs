@@ -11,6 +11,7 @@ use crate::io::StageOptions;
 use crate::io::ply::MeshSource;
 use crate::kernel::Bound;
 use crate::measure::compare::{self, CELL_TRIANGLES, Request};
+use crate::measure::solid::Solid;
 use crate::measure::{self, Certify};
 use crate::pipeline::has_begun_to_write;
 use crate::pipeline::run_report::RunReport;
@@ -430,12 +431,15 @@ fn check(paths: Paths, temp_dir: Option<&PathBuf>, job_folder: &Path) -> Result<
 impl RunReport {
     /// True if the result is not all that was asked for: exit code 3 of the command.
     pub fn is_short(&self) -> bool {
+        let is_solid = |solid: &Option<Solid>| solid.is_none_or(|solid| solid.met);
         let unbearable = self.levels.iter().any(|level| !level.quality.bearable);
         let lacks_images = self.textures.as_ref().is_some_and(|textures| textures.lacks_images);
         !self.target_met
             || !self.quality.bearable
             || unbearable
             || lacks_images
+            || !is_solid(&self.solid)
+            || !self.levels.iter().all(|level| is_solid(&level.solid))
             || self.input.lost_rows() > 0
             || self.losses.has_whole()
     }

@@ -110,6 +110,9 @@ struct InfoReport {
     /// Connectivity; only with `--check`.
     #[serde(flatten)]
     check: Option<Topology>,
+    /// Triangles without area; only with `--check`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    collinear_triangles: Option<u64>,
     /// Pairs of triangles that meet where they should not; only with `--self-intersections`.
     #[serde(flatten)]
     intersections: Option<SelfIntersections>,
@@ -220,13 +223,14 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
     let read = ReadOptions { names: NameUse::Carried, ..stage.read.clone() };
     let stage = StageOptions { only_looks: !args.check, read, ..stage };
     let source = MeshSource::open_staged(args.input(), &stage)?;
-    let (check, sizes, intersections) = match args.check {
-        true => {
-            let found = count(args, &source, threads, progress)?;
-            (Some(found.topology), Some(found.sizes), found.intersections)
-        }
-        false => (None, None, None),
+    let found = match args.check {
+        true => Some(count(args, &source, threads, progress)?),
+        false => None,
     };
+    let (check, collinear_triangles) =
+        found.as_ref().map(|found| (found.topology, found.collinear_triangles)).unzip();
+    let (sizes, intersections) =
+        found.map_or((None, None), |found| (Some(found.sizes), found.intersections));
     let limits = RegionLimits {
         temp_dir: args.temp_dir(),
         memory_bytes: super::arguments::memory_budget(args.memory),
@@ -271,6 +275,7 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
         vertices: check.is_none().then(|| source.n_vertices()),
         triangles: check.is_none().then(|| source.n_triangles()),
         check,
+        collinear_triangles,
         intersections,
         component_sizes: sizes.map(|s| SizesReport {
             found: s.found,
@@ -296,13 +301,13 @@ fn count(args: &Args, source: &MeshSource, threads: usize, progress: &Progress) 
     let loaded = load::load(source, threads, progress)?;
     let mut found = Checked {
         topology: load::topology_of(&loaded),
+        collinear_triangles: loaded.n_degenerate + check::count_flat(&loaded.mesh),
         sizes: sizes_in_memory(&loaded.mesh),
         intersections: None,
     };
     if has_intersections {
         progress.begin("self-intersections", 1, 1, n);
-        let mut intersections = intersections::in_memory(&loaded.mesh, threads, progress)?;
-        intersections.collinear_triangles += loaded.n_degenerate;
+        let intersections = intersections::in_memory(&loaded.mesh, threads, progress)?;
         found.intersections = Some(intersections);
     }
     Ok(found)
@@ -406,12 +411,12 @@ fn table(source: &MeshSource, report: &InfoReport, below: Option<String>) -> Str
             ("unreferenced vertices", t.unreferenced_vertices.to_string()),
         ]);
     }
+    rows.extend(report.collinear_triangles.map(|n| ("without area", n.to_string())));
     if let Some(found) = &report.intersections {
         rows.extend([
             ("self-intersections", format!("{} pairs of triangles", found.self_intersections)),
             ("overlaps among them", found.coplanar_overlaps.to_string()),
             ("triangles in them", found.self_intersecting_triangles.to_string()),
-            ("left out, no area", found.collinear_triangles.to_string()),
         ]);
     }
     if let (Some(sizes), Some(below)) = (&report.component_sizes, below) {

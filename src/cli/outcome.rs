@@ -3,6 +3,7 @@
 use super::log::{Log, Talk};
 use crate::config::Config;
 use crate::error::Result;
+use crate::measure::solid::Solid;
 use crate::mesh::face_properties::FacePolicy;
 use crate::pipeline::run_report::{
     BoundReport, FaceReport, GridReport, NO_PLACE, QualityReport, RunReport, StageReport,
@@ -136,6 +137,9 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
             report.target, report.stop_reason
         ));
     }
+    if let Some(solid) = report.solid.filter(|solid| !solid.met) {
+        log.say(fault_line(&solid));
+    }
     if !report.quality.bearable {
         log.say(unbearable_line(&report.quality));
     }
@@ -168,6 +172,26 @@ fn unbearable_line(quality: &QualityReport) -> String {
     )
 }
 
+/// Says in what a result is not solid that was to be.
+fn fault_line(solid: &Solid) -> String {
+    let open_loops =
+        solid.open_loops.map_or(String::new(), |n| format!(" in {} loops", show_count(n)));
+    let faults = [
+        (solid.open_edges, format!("open edges{open_loops}")),
+        (solid.non_manifold_edges, "edges of three or more triangles".to_owned()),
+        (solid.touching_vertices.unwrap_or(0), "vertices where sheets touch".to_owned()),
+        (solid.inconsistent_edges, "edges whose triangles disagree".to_owned()),
+        (solid.self_intersections, "pairs of triangles that meet".to_owned()),
+    ];
+    let faults = faults.iter().filter(|(n, _)| *n > 0);
+    let faults: Vec<String> =
+        faults.map(|(n, what)| format!("{} {what}", show_count(*n))).collect();
+    format!(
+        "written, but not as sound as asked for: {}; ask for more triangles or mend the file in another program",
+        faults.join(", ")
+    )
+}
+
 fn grid_line(grid: &GridReport) -> String {
     let GridReport { cell_size, passes, cells, .. } = grid;
     let passes = if *passes == 1 { "1 pass".to_owned() } else { format!("{passes} passes") };
@@ -197,6 +221,13 @@ fn solid_lines(changes: &BTreeMap<String, u64>) -> Vec<String> {
             of("crossing_triangles_left")
         )
     });
+    let crumbs = count("crumbs_removed").filter(|n| *n > 0).map(|_| {
+        format!(
+            "  crumbs: {} closed components dropped, {} triangles",
+            of("crumbs_removed"),
+            of("crumb_triangles_removed")
+        )
+    });
     let sides = count("components_left_one_sided").map(|_| {
         let bodies = count("bodies_turned");
         let bodies = bodies.map_or(String::new(), |n| format!(", {} bodies", show_count(n)));
@@ -206,7 +237,7 @@ fn solid_lines(changes: &BTreeMap<String, u64>) -> Vec<String> {
             of("components_left_one_sided")
         )
     });
-    holes.into_iter().chain(cut).chain(sides).collect()
+    holes.into_iter().chain(cut).chain(crumbs).chain(sides).collect()
 }
 
 fn component_line(sizes: &ComponentSizes) -> String {

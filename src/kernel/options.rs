@@ -77,6 +77,9 @@ pub struct Options {
     pub no_self_intersections: bool,
     /// Fills holes whose box has at most this diagonal, in input units; 0: none. For `crossing_bytes`.
     pub close: f64,
+    /// Drops closed components of a few triangles from a result whose holes are filled and which may not pass through itself, if
+    /// their box has at most this diagonal, in input units, or they enclose next to nothing; 0: none.
+    pub crumbs: f64,
     /// Turns triangles over so that neighbours agree wherever they can, in later rounds too, and counts where they cannot.
     pub orient: bool,
     /// Estimates the quality of the result; its time was not measured.
@@ -235,6 +238,7 @@ impl Default for Options {
             tight: Arc::from([]),
             no_self_intersections: false,
             close: 0.0,
+            crumbs: 0.0,
             orient: false,
             estimate: false,
             follow: false,

@@ -109,8 +109,8 @@ pub(crate) fn start(
     let extremes = original.extremes;
     drop(original.relief);
     driver.mend();
-    driver.close_size = options.close;
-    driver.close(options.close);
+    (driver.close_size, driver.crumb_size) = (options.close, options.crumbs);
+    driver.close(false);
     driver.state.find_flats(options);
     if let Some(bound) = options.bound {
         driver.reach_channel = bound.channel;
@@ -194,6 +194,9 @@ pub(crate) fn finish(
     statistics.reached &= !statistics.interrupted;
     statistics.collapses = driver.total_collapses();
     statistics.rejects = driver.rejects.named();
+    if may_move && driver.history.is_none() && relief.is_empty() {
+        driver.part_sheets();
+    }
     driver.count_open();
     statistics.changes = driver.changes.named();
     if let Some(wedges) = &driver.state.wedges {

@@ -5,6 +5,8 @@ use crate::temp_store::{Cutting, Scratch};
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use stonecut_io::ply::MeshSource;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::meeting::is_flat;
 use stonecut_mesh::topology_counts::{CellPart, Topology, TopologyCounter, count_cell};
 use stonecut_stages::components::{self, ComponentSizes, Least};
 use stonecut_store::cell_id::CellId;
@@ -29,6 +31,8 @@ const LEAST_CELL_TRIANGLES: u64 = 16_000;
 pub struct Checked {
     /// Connectivity.
     pub topology: Topology,
+    /// Triangles without area: all corners on one line or in one place.
+    pub collinear_triangles: u64,
     /// Components by size.
     pub sizes: ComponentSizes,
     /// Self-intersections, if asked for.
@@ -68,7 +72,7 @@ pub fn check(
     })?;
     progress.begin("count", 3, n_stages, n);
     let store = scratch.store();
-    let counter = Mutex::new(TopologyCounter::default());
+    let counter = Mutex::new((TopologyCounter::default(), 0));
     let weigh = |item: usize| {
         let tally = store.info().cells[item];
         Weighted { item, bytes: load_bytes(tally, store.layout()) + COUNT_BYTES * tally.triangles }
@@ -89,12 +93,15 @@ pub fn check(
                 shared: &cell.shared,
             };
             let counts = count_cell(&part);
-            counter.lock().unwrap_or_else(PoisonError::into_inner).add(counts);
+            let n_flat = count_flat(&cell.mesh);
+            let mut sums = counter.lock().unwrap_or_else(PoisonError::into_inner);
+            sums.0.add(counts);
+            sums.1 += n_flat;
             progress.add(cell.mesh.triangles.len() as u64);
             Ok(())
         },
     )?;
-    let counter = counter.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let (counter, n_flat) = counter.into_inner().unwrap_or_else(PoisonError::into_inner);
     let mut topology = counter.finish(source.n_vertices());
     // The reader has left degenerate faces out of the cells.
     topology.degenerate_triangles += scratch.partition().degenerate_faces;
@@ -103,9 +110,14 @@ pub fn check(
     if has_intersections {
         progress.begin("self-intersections", 4, n_stages, 2 * n);
         let bounds = &scratch.partition().bounds;
-        let mut found = intersections::in_store(store, bounds, threads, memory_bytes, progress)?;
-        found.collinear_triangles += scratch.partition().degenerate_faces;
+        let found = intersections::in_store(store, bounds, threads, memory_bytes, progress)?;
         intersections = Some(found);
     }
-    Ok(Checked { topology, sizes, intersections })
+    let collinear_triangles = n_flat + scratch.partition().degenerate_faces;
+    Ok(Checked { topology, collinear_triangles, sizes, intersections })
+}
+
+/// Counts the triangles of a mesh whose corners are on one line or in one place.
+pub fn count_flat(mesh: &Mesh) -> u64 {
+    (0..mesh.triangles.len()).filter(|&t| is_flat(&mesh.corners(t))).count() as u64
 }

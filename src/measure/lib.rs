@@ -28,6 +28,7 @@ pub mod plan;
 pub mod region;
 pub mod sample;
 mod side;
+pub mod solid;
 pub mod step;
 pub mod sums;
 pub mod temp_store;

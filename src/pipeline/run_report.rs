@@ -5,6 +5,7 @@
 
 use crate::io::ply::{MeshSource, PartReport, WeldReport, type_name};
 use crate::io::{NUMBER, OBJECT, OutputKind, TexturePlan};
+use crate::measure::solid::Solid;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::face_properties::{FacePolicy, FacePropertyPlan};
 pub use crate::methods::{
@@ -21,8 +22,7 @@ use std::time::Instant;
 /// One stage of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageReport {
-    /// `partition`, `components`, `simplify`, `repartition`, `round`, `finish`, `write` or `verify`; of other methods
-    /// than the collapse `survey`, the method's name, `write` and `verify`.
+    /// `partition`, `components`, `simplify`, `repartition`, `round`, `finish`, `write`, `verify`; `survey` or the method's name.
     pub name: String,
     /// The part of the run that it belongs to, as `--until` names it: as `name`, but `stitch` for `repartition`, `round` and
     /// `finish`.
@@ -163,6 +163,9 @@ pub struct LevelReport {
     /// The Hausdorff distance between input and file, enclosed; only with `--verify`.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub hausdorff: Option<crate::measure::Certificate>,
+    /// Faults, as in `RunReport`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub solid: Option<Solid>,
 }
 
 /// Vertices and charts on seams.
@@ -172,15 +175,13 @@ pub struct SeamReport {
     pub shared_vertices: u64,
     /// The same for every round.
     pub shared_vertices_by_round: Vec<u64>,
-    /// Vertices of the result where charts of a texture, or regions of faces, meet; only of an input with
-    /// either.
+    /// Vertices of the result where charts of a texture, or regions of faces, meet; only of an input with either.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub texture_seam_vertices: Option<u64>,
-    /// Charts of a texture and regions of faces that were smaller than the error and have gone: pieces that
-    /// triangles connect, each counted once, whatever the cells.
+    /// Charts and regions that were smaller than the error and have gone: connected pieces, each counted once, whatever the cells.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub charts_vanished: Option<u64>,
-    /// One of those of the first round, near the middle of the mesh, for a close-up; in input units.
+    /// One of those of the first round, near the middle of the mesh, in input units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sample_position: Option<[f64; 3]>,
     /// The same, by the name it had before schema version 1.
@@ -355,6 +356,9 @@ pub struct RunReport {
     /// The Hausdorff distance between input and output, enclosed; only with `--verify` and `--max-error`.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub hausdorff: Option<crate::measure::Certificate>,
+    /// Faults that the output was not to have; only where it was to be closed, turned one way or free of self-intersections.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub solid: Option<Solid>,
     /// Trials of `--max-error`; only with that option.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_error: Option<BoundReport>,

@@ -1,5 +1,5 @@
 //! `simplify --verify`: measures the finished output against the input and certifies how far they are apart at most,
-//! for the run's report.
+//! for the run's report. Counts there, too, whether a result is solid that was to be (`--close`, `--orient`, ...).
 //!
 //! From the input file: the job's own cells are freed one by one as they are simplified, so at the end
 //! there is nothing left to measure against. Runs before the job folder goes, so that an interrupted
@@ -11,7 +11,9 @@ use crate::io::InputPaths;
 use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::{OutputKind, StageOptions};
 use crate::measure::compare::{self, Report, Request};
-use crate::measure::{Certify, Options};
+use crate::measure::solid::{self, Solid};
+use crate::measure::{Certify, Options, check};
+use crate::mesh::bounds::Bounds;
 use crate::pipeline::run_report::{RunReport, StageReport};
 use crate::store::job::Job;
 use crate::store::stage_context::StageContext;
@@ -47,13 +49,9 @@ pub struct MeasuredPair {
 impl MeasuredPair {
     /// Opens the input as the run did, and what it wrote.
     pub fn open(config: &Config, output: &Path) -> Result<MeasuredPair> {
-        let open = |path: InputPaths, read: ReadOptions| {
-            let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
-            MeshSource::open_staged(path, &stage.within(config.memory_bytes))
-        };
         let (original, simplified) = (
-            open(config.input.clone(), config.read_options())?,
-            open(output.into(), ReadOptions::default())?,
+            open(config, config.input.clone(), config.read_options())?,
+            open(config, output.into(), ReadOptions::default())?,
         );
         Ok(MeasuredPair { original, simplified })
     }
@@ -76,27 +74,72 @@ impl MeasuredPair {
     }
 }
 
-/// The end of a run that holds nothing any more: measures its output if that was asked for and has not been done, and gives up
-/// its job folder.
+fn open(config: &Config, path: InputPaths, read: ReadOptions) -> Result<MeshSource> {
+    let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+    MeshSource::open_staged(path, &stage.within(config.memory_bytes))
+}
+
+/// The end of a run that holds nothing any more: looks at its output as was asked for, and gives up its job folder.
 pub fn end(job: &Job, config: &Config, progress: &Progress, report: &mut RunReport) -> Result<()> {
-    if config.checks.verify && report.measured.is_none() {
-        let run = StageContext {
-            job,
-            progress,
-            threads: config.threads.get(),
-            memory_bytes: config.memory_bytes,
-            checkpoint_every: config.checkpoint_every,
-        };
-        verify(config, &run, report)?;
-    }
+    let run = StageContext {
+        job,
+        progress,
+        threads: config.threads.get(),
+        memory_bytes: config.memory_bytes,
+        checkpoint_every: config.checkpoint_every,
+    };
+    look(config, &run, report)?;
     if !config.job.keep_temp {
         super::concluded::conclude(job, config, report)?;
     }
     Ok(())
 }
 
-/// Measures every output, and adds what was found to the report as one more stage each; its seconds then include them.
-pub fn verify(config: &Config, run: &StageContext, report: &mut RunReport) -> Result<()> {
+/// Measures every output if that was asked for and has not been done, and counts whether it is solid where it was to be.
+pub fn look(config: &Config, run: &StageContext, report: &mut RunReport) -> Result<()> {
+    if config.checks.verify && report.measured.is_none() {
+        verify(config, run, report)?;
+    }
+    let asks =
+        config.close.is_some() || config.kernel.orient || config.kernel.no_self_intersections;
+    if asks && config.trial_of.is_none() && refuse_unreadable(config).is_ok() {
+        let start = Instant::now();
+        for (level, output) in config.outputs().enumerate() {
+            let solid = Some(look_at(output, config, run, report)?);
+            report.solid = solid;
+            if let Some(level) = report.levels.get_mut(level) {
+                level.solid = solid;
+            }
+        }
+        report.seconds += start.elapsed().as_secs_f64();
+    }
+    Ok(())
+}
+
+/// Counts what was not to be in an output.
+fn look_at(
+    output: &Path,
+    config: &Config,
+    run: &StageContext,
+    report: &RunReport,
+) -> Result<Solid> {
+    run.job.clear_scratch()?;
+    let [low, high] = report.input.bounds;
+    let largest = config.close.map(|size| size.length(Bounds { low, high }.diagonal()));
+    let cutting = check::cutting(run.job.folder(), run.threads, run.memory_bytes, true);
+    let source = open(config, output.into(), ReadOptions::default())?;
+    let found = solid::look(&source, largest.unwrap_or(f64::INFINITY), cutting, run.progress)?;
+    let refuses = config.kernel.no_self_intersections;
+    let is_manifold = found.non_manifold_edges == 0 && found.touching_vertices.unwrap_or(0) == 0;
+    let met = (largest.is_none() || found.open_edges == 0)
+        && (largest.is_none() || !refuses || is_manifold)
+        && (!config.kernel.orient || found.inconsistent_edges == 0)
+        && (!refuses || found.self_intersections == 0);
+    Ok(Solid { met, ..found })
+}
+
+/// Adds what was measured of every output to the report as one more stage each; its seconds then include them.
+fn verify(config: &Config, run: &StageContext, report: &mut RunReport) -> Result<()> {
     for (level, output) in config.outputs().enumerate() {
         verify_output(output, config, run, report)?;
         if let Some(level) = report.levels.get_mut(level) {

@@ -151,6 +151,32 @@ fn for_print_stands_for_its_options() {
 }
 
 #[test]
+fn what_is_left_is_said_and_ends_with_code_3() {
+    // Two rings through each other.
+    let at = &scratch();
+    let mut mesh = meshes::torus(40, 20, |_, _| 0.5);
+    let (n, other) = (mesh.positions.len() as u32, mesh.clone());
+    mesh.positions.extend(other.positions.iter().map(|[x, y, z]| [x + 1.2, *z, *y]));
+    mesh.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + n)));
+    mesh.triangles.truncate(mesh.triangles.len() - 6);
+    write_ply(&at.join("in.ply"), Scalar::F32, &mesh.positions, &mesh.triangles);
+    let options = "--topology keep --no-self-intersections --report r.json --force";
+    let told = expect(at, &format!("simplify in.ply out.ply --ratio 50% {options}"), 3);
+    assert!(told.contains("pairs of triangles that meet; ask for more triangles"), "{told}");
+    let solid = &report(at)["solid"];
+    assert!(count(solid, "self_intersections") > 20 && solid["met"] == false, "{solid}");
+    assert!(count(solid, "open_edges") > 3 && count(solid, "open_loops") == 1, "{solid}");
+    expect(
+        at,
+        "simplify in.ply out.ply --ratio 50% --topology keep --close=1% --report r.json --force",
+        0,
+    );
+    assert_eq!(count(&report(at)["solid"], "larger_holes"), 1);
+    let info = run(at, "info out.ply --check").stdout;
+    assert!(String::from_utf8_lossy(&info).contains("without area"));
+}
+
+#[test]
 fn one_sided_components_are_counted() {
     let n = 60u32;
     let place = |v: u32| {
@@ -206,6 +232,37 @@ fn what_meets_is_cut_out_and_closed() {
         let changes = &done.statistics.changes;
         assert!(changes.contains(&("crossing_triangles_left", 0)), "{changes:?}");
     }
+}
+
+#[test]
+fn sheets_that_touch_move_apart_and_crumbs_go() {
+    // Two rings that touch in a corner of both, and a speck.
+    let mut mesh = meshes::torus(40, 20, |_, _| 0.5);
+    let (n, other) = (mesh.positions.len() as u32, mesh.clone());
+    let most = other.positions.iter().map(|p| p[0]).fold(0.0, f64::max);
+    mesh.positions.extend(other.positions.iter().map(|[x, y, z]| [2.0 * most - x, *y, *z]));
+    mesh.triangles.extend(other.triangles.iter().map(|&[a, b, c]| [a, c, b].map(|v| v + n)));
+    let [o, x, y, z] = [[9.0, 9.0, 9.0], [9.1, 9.0, 9.0], [9.0, 9.1, 9.0], [9.0, 9.0, 9.1]];
+    mesh.positions.extend([o, x, y, z]);
+    let speck = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
+    mesh.triangles.extend(speck.map(|t: [u32; 3]| t.map(|v| v + 2 * n)));
+    let n_places = |mesh: &Mesh| {
+        let places = mesh.positions.iter().map(|place| place.map(|x| (x as f32).to_bits()));
+        places.collect::<BTreeSet<_>>().len()
+    };
+    assert_eq!(n_places(&mesh), mesh.positions.len() - 1);
+    let locked = vec![false; mesh.positions.len()];
+    let options = Options {
+        stop: Stop::Triangles(mesh.triangles.len() as u64 - 20),
+        close: f64::INFINITY,
+        no_self_intersections: true,
+        crumbs: 0.2,
+        ..Options::default()
+    };
+    let done = simplify_mesh(mesh, &locked, &options);
+    assert_eq!(n_places(&done.mesh), done.mesh.positions.len());
+    assert_eq!(faults(&done.mesh), (0, 0));
+    assert!(done.statistics.changes.contains(&("crumbs_removed", 1)));
 }
 
 #[test]

@@ -3,27 +3,23 @@
 //! Pairs are counted among the triangles that change, and of these with all others. Positions are those of the output, so what
 //! is held here is what `info --check --self-intersections` counts. docs/design/self-intersections.md.
 
+mod apart;
 mod facet;
 mod hubs;
 mod screen;
 pub(crate) mod tree;
 
 use crate::simd::{Job, Lanes, Portable, Simd};
-use crate::surface::class::Class;
-use crate::surface::{MAX_VALENCE, Surface};
+use crate::surface::Surface;
 use crate::vertex::GONE;
 use facet::{Facet, is_graph};
 use hubs::Hubs;
 use screen::{Around, Screen, Seen, fetch};
-use std::collections::HashMap;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::corners::others;
 use stonecut_mesh::steps;
 use stonecut_mesh::vec3::Vec3;
 use tree::{Hull, Hulls, Tree};
-
-/// Shares of the way to the middle of a corner's neighbours by which triangles on each other are parted, tried in turn.
-const STEPS: [f64; 3] = [0.05, 0.2, 0.5];
 
 /// Triangles around a vertex that is to be somewhere else, or whose corners become that vertex.
 pub(crate) struct Change<'a> {
@@ -225,54 +221,9 @@ impl Crossings {
         })
     }
 
-    /// Parts triangles that lie on each other, as cuts leave them: one corner of each pair moves a little towards its neighbours.
-    pub(crate) fn part(&mut self, surface: &mut Surface) {
-        let mut known = HashMap::new();
-        let mut pairs = Vec::new();
-        for (t, triangle) in surface.triangles.iter().enumerate().filter(|(_, t)| t[0] != GONE) {
-            let mut places = corners(surface, *triangle).map(|p| p.map(f64::to_bits));
-            places.sort_unstable();
-            if let Some(other) = known.insert(places, t as u32) {
-                pairs.push([other, t as u32]);
-            }
-        }
-        let (mut b, mut c) = (Vec::new(), Vec::new());
-        for pair in pairs {
-            let corners = pair.into_iter().flat_map(|t| surface.triangles[t as usize]);
-            let inner = |&v: &u32| {
-                let ring = &surface.rings[v as usize];
-                ring.class == Some(Class::Interior) && ring.len <= MAX_VALENCE
-            };
-            let corners: Vec<u32> = corners.filter(inner).collect();
-            let steps = STEPS.into_iter().flat_map(|step| corners.iter().map(move |&v| (v, step)));
-            for (v, step) in steps {
-                around(surface, v, &mut b, &mut c);
-                let own = surface.vertices[v as usize].position;
-                let n = b.len() as f64;
-                let place = surface.rounded(std::array::from_fn(|k| {
-                    let sum: f64 =
-                        b.iter().map(|&w| surface.vertices[w as usize].position[k] - own[k]).sum();
-                    own[k] + step * sum / n
-                }));
-                let ids = surface.ring(v);
-                let before = self.before(surface, ids);
-                self.fan.clear();
-                self.fan.extend(b.iter().zip(&c).map(|(&b, &c)| {
-                    let at = |v: u32| surface.vertices[v as usize].position;
-                    Facet::new([v, b, c], [place, at(b), at(c)])
-                }));
-                if self.count(surface, ids) < before {
-                    surface.vertices[v as usize].position = place;
-                    self.moved(surface, surface.ring(v));
-                    break;
-                }
-            }
-        }
-    }
-
-    /// Pairs before a change of these triangles.
+    /// Pairs of which one or both are among these triangles.
     #[inline(never)]
-    fn before(&mut self, surface: &Surface, ids: &[u32]) -> usize {
+    pub(crate) fn before(&mut self, surface: &Surface, ids: &[u32]) -> usize {
         self.fan.clear();
         self.fan.extend(ids.iter().map(|&t| {
             let triangle = surface.triangles[t as usize];

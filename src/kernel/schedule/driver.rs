@@ -13,14 +13,20 @@ use crate::interrupt::Interrupt;
 use crate::options::Topology;
 use crate::quality::{Probes, QualityAt};
 use crate::repair::clean::Cleaned;
-use crate::repair::close::excise::{Excised, excise};
+use crate::repair::close::crumbs::drop_crumbs;
+use crate::repair::close::excise::{Excised, cut_corners, excise};
 use crate::repair::close::{self, FilledHoles, OpenHoles};
 use crate::repair::make_manifold::{self, Mended};
 use crate::simd::Simd;
 use crate::state::MeshState;
 use crate::state::validate::validate;
+use crate::surface::Ring;
+use crate::surface::class::Class;
 use crate::topology::components::{Removal, SmallComponents};
 use crate::vertex::GONE;
+
+/// Attempts at leaving no hole, no vertex of several fans and no two vertices in one place.
+const MOST_ROUNDS: usize = 3;
 
 /// The simplification under way.
 #[derive(Clone)]
@@ -53,6 +59,8 @@ pub(crate) struct Driver {
     pub(crate) crossings: Option<Box<Crossings>>,
     /// Size of the holes that are filled; 0: none.
     pub(crate) close_size: f64,
+    /// Size of the closed components of a few triangles that are dropped; 0: none.
+    pub(crate) crumb_size: f64,
     /// The channel that takes how far the result is from the original.
     pub(crate) reach_channel: Option<usize>,
     /// Samples that the result will be fitted to.
@@ -105,6 +113,8 @@ pub(crate) struct TopologyChanges {
     filled: Option<(FilledHoles, OpenHoles)>,
     /// Places that were cut out and closed, where holes are filled and nothing may pass through itself.
     excised: Option<Excised>,
+    /// Closed components of a few triangles that were dropped, and their triangles.
+    crumbs: Option<(u64, u64)>,
     /// Vertices that wait for a source to be taken apart.
     pub(super) missing: u64,
     may_mend: bool,
@@ -140,6 +150,9 @@ impl TopologyChanges {
                 ("triangles_cut_out", excised.triangles),
                 ("crossing_triangles_left", excised.left),
             ]);
+        }
+        if let Some((crumbs, triangles)) = self.crumbs {
+            named.extend([("crumbs_removed", crumbs), ("crumb_triangles_removed", triangles)]);
         }
         named.extend(self.one_sided.map(|n| ("components_left_one_sided", n)));
         named
@@ -186,6 +199,7 @@ impl Driver {
             bound: None,
             crossings: None,
             close_size: 0.0,
+            crumb_size: 0.0,
             reach_channel: None,
             samples: None,
             probes: None,
@@ -230,11 +244,11 @@ impl Driver {
         }
     }
 
-    /// Fills the holes up to this size.
-    pub(crate) fn close(&mut self, size: f64) {
-        if size > 0.0 {
+    /// Fills the holes up to the size that was asked for; their loops may move if they `yield`.
+    pub(crate) fn close(&mut self, yields: bool) {
+        if self.close_size > 0.0 {
             let before = self.changes.filled.unwrap_or_default().0;
-            let filled = close::close(&mut self.state, size, self.simd);
+            let filled = close::close(&mut self.state, self.close_size, yields, self.simd);
             let filled = FilledHoles {
                 holes: before.holes + filled.holes,
                 triangles: before.triangles + filled.triangles,
@@ -249,12 +263,51 @@ impl Driver {
 
     /// Cuts out what still meets, and holes that are still open, as far as that can be closed.
     pub(crate) fn excise(&mut self) {
-        if let Some(crossings) = self.crossings.as_mut().filter(|_| self.close_size > 0.0) {
-            let excised = excise(&mut self.state, crossings, self.close_size, self.simd);
-            self.changes.excised = Some(excised);
+        if self.crossings.take_if(|_| self.close_size > 0.0).is_some() {
+            let mut all = Excised::default();
+            for round in 0..MOST_ROUNDS {
+                if round > 0 && close::open(&self.state, self.close_size) == OpenHoles::default() {
+                    break;
+                }
+                // Where collapses and cuts have left several fans at a vertex, loops would end.
+                self.changes.may_mend = true;
+                self.mend();
+                self.close(true);
+                let mut crossings = Box::new(Crossings::new(&self.state.surface, self.simd));
+                all.add(excise(&mut self.state, &mut crossings, self.close_size, self.simd));
+                self.crossings = Some(crossings);
+            }
+            self.changes.excised = Some(all);
             self.small_components = None;
             validate(&self.state);
         }
+    }
+
+    /// Moves sheets apart that touch, or cuts them out there, and drops crumbs: where holes are filled, nothing may pass through
+    /// itself, and all of the surface is here.
+    pub(crate) fn part_sheets(&mut self) {
+        let is_free = |ring: &Ring| ring.class != Some(Class::Locked) || ring.len == 0;
+        let (Some(excised), Some(crossings)) = (&mut self.changes.excised, &mut self.crossings)
+        else {
+            return;
+        };
+        if !self.state.surface.rings.iter().all(is_free) {
+            return;
+        }
+        for _ in 0..MOST_ROUNDS {
+            let mut left = crossings.part_places(&mut self.state.surface);
+            let rings = self.state.surface.rings.iter().zip(0..);
+            let is_bad = |ring: &Ring| ring.class == Some(Class::Complex) && ring.len > 0;
+            left.extend(rings.filter(|(ring, _)| is_bad(ring)).map(|(_, v): (_, u32)| v));
+            if left.is_empty() || self.interrupt.is_raised() {
+                break;
+            }
+            excised.triangles += cut_corners(&mut self.state, crossings, &left, self.simd);
+        }
+        let crumbs = drop_crumbs(&mut self.state.surface, self.crumb_size);
+        crossings.moved(&self.state.surface, &crumbs.triangles);
+        self.changes.crumbs = Some((crumbs.n, crumbs.triangles.len() as u64));
+        validate(&self.state);
     }
 
     /// Counts the holes that are open at the end, and triangles that meet others.

@@ -212,7 +212,7 @@ impl Driver {
     fn exact(&mut self, target: u64) -> bool {
         self.mend_at_last(target);
         // What has been taken apart since may have left holes.
-        self.close(self.close_size);
+        self.close(false);
         let is_reached = self.drain_to(target);
         // Collapses take most of what meets with them; fillings of what is cut out may be too many triangles.
         self.excise();

@@ -37,7 +37,8 @@ pub struct SelfIntersections {
     pub self_intersecting_triangles: u64,
     /// Such pairs of triangles in one plane that have an area in common.
     pub coplanar_overlaps: u64,
-    /// Triangles left out: all corners on one line or in one place.
+    /// Triangles left out: all corners on one line or in one place; `info` shows those of `check`.
+    #[serde(skip)]
     pub collinear_triangles: u64,
 }
 

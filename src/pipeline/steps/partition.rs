@@ -25,6 +25,7 @@ impl SimplifyRun<'_> {
         self.partition = self.hold(cut)?;
         let diagonal = self.partition.bounds.diagonal();
         self.kernel.close = self.config.close.map_or(0.0, |size| size.length(diagonal));
+        self.kernel.crumbs = self.config.min_component.map_or(0.0, |min| min.length(diagonal));
         let source = &self.prepared.source;
         source.remarks()?.into_iter().for_each(|remark| self.run.progress.lose(remark));
         if self.config.job.until == Some(Until::Partition) {

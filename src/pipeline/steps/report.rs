@@ -31,6 +31,7 @@ impl SimplifyRun<'_> {
             quality,
             hausdorff: None,
             rms: None,
+            solid: None,
         }
     }
 

@@ -56,9 +56,7 @@ impl SimplifyRun<'_> {
     /// Sums up, verifies if that was asked for, and gives up the job folder.
     fn conclude(&mut self) -> Result<RunStep> {
         let mut report = self.report();
-        if self.config.checks.verify {
-            verify::verify(self.config, &self.run, &mut report)?;
-        }
+        verify::look(self.config, &self.run, &mut report)?;
         if !self.config.job.keep_temp {
             conclude(self.run.job, self.config, &report)?;
         }

@@ -13,6 +13,17 @@ pub enum MinComponent {
     Share(f64),
 }
 
+impl MinComponent {
+    /// The least diagonal, of a scan with this one; 0 for a count.
+    pub fn length(self, diagonal: f64) -> f64 {
+        match self {
+            MinComponent::Triangles(_) => 0.0,
+            MinComponent::Size(length) => length,
+            MinComponent::Share(share) => share * diagonal,
+        }
+    }
+}
+
 impl std::fmt::Display for MinComponent {
     /// As it is typed.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

@@ -4,7 +4,7 @@
 //! Ring by ring, until every loop that is left has a filling that meets nothing; where a few rings do not do, all stays as it was.
 
 use super::rims::{self, Rim, parents};
-use super::{FilledHoles, fill};
+use super::{FIRST, FilledHoles, MOST_MOVED, extent, fill, fill_outwards};
 use crate::crossing::Crossings;
 use crate::simd::Simd;
 use crate::state::MeshState;
@@ -14,10 +14,11 @@ use crate::surface::{MAX_VALENCE, Surface};
 use crate::vertex::GONE;
 use std::collections::BTreeSet;
 use stonecut_mesh::corners::others;
+use stonecut_mesh::vec3::Vec3;
 
-/// Rings of triangles around what is wrong that are cut out at most, and triangles.
-const MOST_RINGS: usize = 4;
-const MOST_TRIANGLES: usize = 400;
+/// Rings of triangles around what is wrong that are cut out at most, and triangles: one in a hundred between these numbers.
+const MOST_RINGS: usize = 8;
+const MOST_TRIANGLES: [u64; 2] = [400, 4000];
 /// Places of either kind that could not be closed, after which no more are tried: each takes the time of many fillings.
 const MOST_LEFT: u64 = 200;
 /// Loops of more edges are not local.
@@ -36,6 +37,15 @@ pub(crate) struct Excised {
     pub(crate) left: u64,
 }
 
+impl Excised {
+    /// Adds a later look.
+    pub(crate) fn add(&mut self, later: Excised) {
+        self.pairs += later.pairs;
+        self.holes += later.holes;
+        self.triangles += later.triangles;
+    }
+}
+
 /// Cuts out pairs of triangles that meet and the surroundings of holes of at most this size, where what is left can be closed.
 pub(crate) fn excise(
     state: &mut MeshState,
@@ -44,7 +54,7 @@ pub(crate) fn excise(
     simd: Simd,
 ) -> Excised {
     let mut excised = Excised::default();
-    let mut work = Work { state, crossings, size, simd, n_cut: 0 };
+    let mut work = Work::new(state, crossings, size, simd);
     let mut n_left = 0;
     for t in 0..work.state.surface.triangles.len() as u32 {
         if let Some(other) = work.met(t).filter(|_| n_left < MOST_LEFT) {
@@ -74,11 +84,31 @@ pub(crate) fn excise(
     excised
 }
 
+/// Cuts out vertices that lie in the place of others or have several fans, each with the triangles around it; returns how many
+/// triangles went.
+pub(crate) fn cut_corners(
+    state: &mut MeshState,
+    crossings: &mut Crossings,
+    corners: &[u32],
+    simd: Simd,
+) -> u64 {
+    let mut work = Work::new(state, crossings, f64::INFINITY, simd);
+    for &v in corners.iter().take(MOST_LEFT as usize) {
+        let ring = work.state.surface.ring(v).to_vec();
+        if !ring.is_empty() {
+            work.cut_around(&ring);
+        }
+    }
+    work.n_cut
+}
+
 struct Work<'a> {
     state: &'a mut MeshState,
     crossings: &'a mut Crossings,
     size: f64,
     simd: Simd,
+    /// Length by which loops may move outwards.
+    most_moved: f64,
     n_cut: u64,
 }
 
@@ -86,11 +116,17 @@ struct Work<'a> {
 struct Before {
     triangles: Vec<(u32, [u32; 3])>,
     rings: Vec<(u32, Vec<u32>)>,
+    places: Vec<(u32, Vec3)>,
     n_triangles: u32,
     n_alive: u64,
 }
 
-impl Work<'_> {
+impl<'a> Work<'a> {
+    fn new(state: &'a mut MeshState, crossings: &'a mut Crossings, size: f64, simd: Simd) -> Self {
+        let most_moved = MOST_MOVED * extent(&state.surface);
+        Work { state, crossings, size, simd, most_moved, n_cut: 0 }
+    }
+
     /// A triangle that meets this one.
     fn met(&mut self, t: u32) -> Option<u32> {
         let surface = &self.state.surface;
@@ -105,6 +141,7 @@ impl Work<'_> {
         let mut part: BTreeSet<u32> = seeds.iter().copied().collect();
         for _ in 0..MOST_RINGS {
             self.crossings.take_met();
+            self.round_off(&mut part);
             if self.cut(&part) {
                 return true;
             }
@@ -115,11 +152,32 @@ impl Work<'_> {
             let corners: BTreeSet<u32> =
                 part.iter().flat_map(|&t| surface.triangles[t as usize]).collect();
             part.extend(corners.iter().flat_map(|&v| surface.ring(v).iter().copied()));
-            if part.len() > MOST_TRIANGLES {
+            let [low, high] = MOST_TRIANGLES;
+            if part.len() as u64 > (surface.n_alive / 100).clamp(low, high) {
                 return false;
             }
         }
         self.cut(&part)
+    }
+
+    /// Takes in what is left around vertices where it would hang together in a corner alone: a loop that comes by twice has no filling.
+    fn round_off(&self, part: &mut BTreeSet<u32>) {
+        let surface = &self.state.surface;
+        let mut corners: Vec<u32> =
+            part.iter().flat_map(|&t| surface.triangles[t as usize]).collect();
+        while let Some(v) = corners.pop().filter(|_| part.len() as u64 <= MOST_TRIANGLES[1]) {
+            if surface.rings[v as usize].len > MAX_VALENCE {
+                continue;
+            }
+            let left = || surface.ring(v).iter().filter(|t| !part.contains(t));
+            let around = || left().map(|&t| others(surface.triangles[t as usize], v));
+            let n_fans = around().filter(|&(b, _)| around().all(|(_, c)| b != c)).count();
+            if n_fans > 1 {
+                let left: Vec<u32> = left().copied().collect();
+                corners.extend(left.iter().flat_map(|&t| surface.triangles[t as usize]));
+                part.extend(left);
+            }
+        }
     }
 
     /// Cuts out triangles and closes the loops that are left; false, and nothing changed, if one cannot be.
@@ -138,6 +196,7 @@ impl Work<'_> {
         let mut before = Before {
             triangles: part.iter().map(|&t| (t, surface.triangles[t as usize])).collect(),
             rings: corners.iter().map(|&v| (v, surface.ring(v).to_vec())).collect(),
+            places: corners.iter().map(|&v| (v, rims::place(surface, v))).collect(),
             n_triangles: surface.triangles.len() as u32,
             n_alive: surface.n_alive,
         };
@@ -155,6 +214,7 @@ impl Work<'_> {
         let others = rims.iter().flatten().flat_map(|rim| &rim.ring);
         let others: BTreeSet<u32> = others.copied().filter(|v| !corners.contains(v)).collect();
         before.rings.extend(others.iter().map(|&v| (v, surface.ring(v).to_vec())));
+        before.places.extend(others.iter().map(|&v| (v, rims::place(surface, v))));
         let is_closed = rims.is_some_and(|rims| self.close(rims));
         if !is_closed {
             self.take_back(&before);
@@ -181,7 +241,14 @@ impl Work<'_> {
         (0..rims.len()).filter(|&i| parent[i].is_none()).all(|i| {
             let inner: Vec<&Rim> =
                 (i + 1..rims.len()).filter(|&k| parent[k] == Some(i)).map(|k| &rims[k]).collect();
-            fill(self.state, self.crossings, &rims[i], &inner, &mut filled)
+            fill(self.state, self.crossings, (&rims[i], &inner), FIRST, &mut filled)
+                || fill_outwards(
+                    self.state,
+                    self.crossings,
+                    (&rims[i], &inner),
+                    self.most_moved,
+                    &mut filled,
+                )
         })
     }
 
@@ -198,8 +265,12 @@ impl Work<'_> {
         for (v, ring) in &before.rings {
             surface.set_ring(*v, ring);
         }
+        for &(v, place) in &before.places {
+            surface.vertices[v as usize].position = place;
+        }
         surface.n_alive = before.n_alive;
-        let back: Vec<u32> = before.triangles.iter().map(|&(t, _)| t).chain(added).collect();
+        let mut back: Vec<u32> = before.triangles.iter().map(|&(t, _)| t).chain(added).collect();
+        back.extend(before.rings.iter().flat_map(|(_, ring)| ring));
         self.crossings.moved(surface, &back);
     }
 }

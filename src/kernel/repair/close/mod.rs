@@ -4,6 +4,7 @@
 //! nested loops in one plane, as the wall of a tube leaves them where a scan ends, the inner one becomes a hole in the filling of
 //! the outer one. A filling that meets other triangles is tried again without those of its triangles that do.
 
+pub(crate) mod crumbs;
 pub(crate) mod excise;
 mod polygon;
 mod rims;
@@ -13,14 +14,27 @@ use crate::simd::Simd;
 use crate::state::MeshState;
 use crate::state::recompute::recompute_vertices;
 use crate::surface::Surface;
+use crate::vertex::GONE;
 use polygon::Forbidden;
-use rims::{Rim, parents};
+use rims::{Rim, parents, place};
 use std::collections::BTreeSet;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::{Vec3, add as add_vec, scale};
 
 /// Loops of more edges are left open: triangulating them takes the square of that.
 const MOST_EDGES: usize = 1 << 14;
-/// Attempts at a filling that meets nothing.
-const ATTEMPTS: usize = 12;
+/// Attempts at a filling that meets nothing, and the most corners of a loop that is filled by least area, which takes the third power
+/// of that.
+struct Effort {
+    attempts: usize,
+    most_by_area: usize,
+}
+
+const FIRST: Effort = Effort { attempts: 12, most_by_area: 100 };
+const LAST: Effort = Effort { attempts: 40, most_by_area: 200 };
+/// Shares of its size by which a loop moves outwards, tried in turn, and the most of them as a share of the surface's extent.
+const STEPS_OUT: [f64; 7] = [0.0025, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25];
+const MOST_MOVED: f64 = 0.01;
 
 /// Holes that were filled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -46,8 +60,9 @@ pub(crate) fn open(state: &MeshState, size: f64) -> OpenHoles {
     OpenHoles { holes: rims.len() as u64, large, parts }
 }
 
-/// Fills the holes whose box has at most this diagonal, in input units.
-pub(crate) fn close(state: &mut MeshState, size: f64, simd: Simd) -> FilledHoles {
+/// Fills the holes whose box has at most this diagonal, in input units. Where a filling would meet the surface, the loop moves
+/// outwards if it `yields`, by little.
+pub(crate) fn close(state: &mut MeshState, size: f64, yields: bool, simd: Simd) -> FilledHoles {
     let is_seam = |v: u32| state.wedges.as_ref().is_some_and(|wedges| wedges.is_seam(v));
     let (mut rims, _) = rims::find(state, is_seam);
     rims.retain(|rim| rim.size <= size && rim.ring.len() <= MOST_EDGES);
@@ -59,16 +74,19 @@ pub(crate) fn close(state: &mut MeshState, size: f64, simd: Simd) -> FilledHoles
     rims.sort_by(|a, b| b.area().total_cmp(&a.area()).then(a.ring.cmp(&b.ring)));
     let parent = parents(&state.surface, &rims);
     let mut crossings = Crossings::new(&state.surface, simd);
+    let most = if yields { MOST_MOVED * extent(&state.surface) } else { 0.0 };
     for (i, rim) in rims.iter().enumerate().filter(|&(i, _)| parent[i].is_none()) {
         let inner: Vec<&Rim> =
             (i + 1..rims.len()).filter(|&k| parent[k] == Some(i)).map(|k| &rims[k]).collect();
-        if fill(state, &mut crossings, rim, &inner, &mut filled) {
+        if fill(state, &mut crossings, (rim, &inner), FIRST, &mut filled)
+            || fill_outwards(state, &mut crossings, (rim, &inner), most, &mut filled)
+        {
             filled.holes += 1 + inner.len() as u64;
             continue;
         }
         // Each alone, where all together does not do.
         for rim in inner {
-            filled.holes += u64::from(fill(state, &mut crossings, rim, &[], &mut filled));
+            filled.holes += u64::from(fill(state, &mut crossings, (rim, &[]), FIRST, &mut filled));
         }
     }
     let mut touched: Vec<u32> = rims.into_iter().flat_map(|rim| rim.ring).collect();
@@ -79,19 +97,70 @@ pub(crate) fn close(state: &mut MeshState, size: f64, simd: Simd) -> FilledHoles
     filled
 }
 
+/// Diagonal of the box of the surface.
+fn extent(surface: &Surface) -> f64 {
+    let mut bounds = Bounds::EMPTY;
+    let all = surface.triangles.iter().filter(|t| t[0] != GONE).flatten();
+    all.for_each(|&v| bounds.add(place(surface, v)));
+    bounds.diagonal()
+}
+
+/// Fills one loop around others once all of them have moved outwards, by at most this length, where no triangle at them comes to
+/// meet others by that; else they stay where they are.
+fn fill_outwards(
+    state: &mut MeshState,
+    crossings: &mut Crossings,
+    (rim, inner): (&Rim, &[&Rim]),
+    most: f64,
+    filled: &mut FilledHoles,
+) -> bool {
+    let corners: Vec<u32> =
+        [rim].iter().chain(inner).flat_map(|rim| rim.ring.iter().copied()).collect();
+    let places: Vec<Vec3> = corners.iter().map(|&v| place(&state.surface, v)).collect();
+    let mut around: Vec<u32> =
+        corners.iter().flat_map(|&v| state.surface.ring(v).iter().copied()).collect();
+    around.sort_unstable();
+    around.dedup();
+    let n_met = crossings.before(&state.surface, &around);
+    let steps = STEPS_OUT.map(|share| share * rim.size).into_iter();
+    for step in steps.take_while(|step| *step <= most && rim.area() > 0.0) {
+        for (&v, &from) in corners.iter().zip(&places) {
+            let to = add_vec(from, scale(rim.normal, step / rim.area()));
+            state.surface.vertices[v as usize].position = state.surface.rounded(to);
+        }
+        crossings.moved(&state.surface, &around);
+        if crossings.before(&state.surface, &around) <= n_met
+            && fill(state, crossings, (rim, inner), LAST, filled)
+        {
+            return true;
+        }
+    }
+    for (&v, &from) in corners.iter().zip(&places) {
+        state.surface.vertices[v as usize].position = from;
+    }
+    crossings.moved(&state.surface, &around);
+    false
+}
+
 /// Fills one loop around others; false if that cannot be without passing through the surface.
 fn fill(
     state: &mut MeshState,
     crossings: &mut Crossings,
-    rim: &Rim,
-    inner: &[&Rim],
+    (rim, inner): (&Rim, &[&Rim]),
+    effort: Effort,
     filled: &mut FilledHoles,
 ) -> bool {
     let surface = &state.surface;
     let Some(ring) = polygon::bridged(surface, rim, inner) else { return false };
     let mut forbidden = Forbidden::new();
-    for _ in 0..ATTEMPTS {
-        let triangles = polygon::triangulate(surface, &ring, rim, &forbidden);
+    for _ in 0..effort.attempts {
+        let triangles = match ring[..] {
+            [a, b, c] => {
+                Some(vec![[a, b, c]]).filter(|t| !forbidden.contains(&polygon::sorted(t[0])))
+            }
+            _ if ring.len() <= effort.most_by_area => polygon::by_area(surface, &ring, &forbidden),
+            _ => polygon::by_ears(surface, &ring, rim, &forbidden),
+        };
         let Some(triangles) = triangles.filter(|t| is_sound(surface, t)) else { break };
         if let Some(bad) = crossings.first_to_meet(surface, &triangles) {
             forbidden.insert(polygon::sorted(triangles[bad]));

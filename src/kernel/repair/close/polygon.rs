@@ -7,8 +7,6 @@ use crate::surface::Surface;
 use std::collections::BTreeSet;
 use stonecut_mesh::vec3::{cross, length_sq, sub};
 
-/// Most corners of a polygon that is cut by least area, which takes the third power of that.
-const MOST_BY_AREA: usize = 100;
 /// Weight of the squared lengths of a triangle's sides against its area: in a plane all areas are the same, and short sides decide.
 const SHAPE: f64 = 1e-3;
 
@@ -54,21 +52,6 @@ pub(super) fn bridged(surface: &Surface, rim: &Rim, inner: &[&Rim]) -> Option<Ve
     Some(ring)
 }
 
-/// Cuts a polygon into triangles that run as it does; `None` if that cannot be.
-pub(super) fn triangulate(
-    surface: &Surface,
-    ring: &[u32],
-    rim: &Rim,
-    forbidden: &Forbidden,
-) -> Option<Vec<[u32; 3]>> {
-    match ring.len() {
-        0..=2 => None,
-        3 => Some(vec![[ring[0], ring[1], ring[2]]]).filter(|t| !forbidden.contains(&sorted(t[0]))),
-        4..=MOST_BY_AREA => by_area(surface, ring, forbidden),
-        _ => by_ears(surface, ring, rim, forbidden),
-    }
-}
-
 /// Returns whether a polygon may have a side between two of its corners that are not neighbours.
 fn may_join(surface: &Surface, ring: &[u32], i: usize, k: usize) -> bool {
     // A bridge is there twice already.
@@ -78,7 +61,12 @@ fn may_join(surface: &Surface, ring: &[u32], i: usize, k: usize) -> bool {
     !are_joined(surface, a, b) && !(0..n).any(is_side)
 }
 
-fn by_area(surface: &Surface, ring: &[u32], forbidden: &Forbidden) -> Option<Vec<[u32; 3]>> {
+/// Cuts a polygon into the triangles of least area that run as it does; `None` if that cannot be.
+pub(super) fn by_area(
+    surface: &Surface,
+    ring: &[u32],
+    forbidden: &Forbidden,
+) -> Option<Vec<[u32; 3]>> {
     let n = ring.len();
     let at = |i: usize| place(surface, ring[i]);
     // The least weight from one corner to another, and the corner between that it comes from.
@@ -119,7 +107,8 @@ fn by_area(surface: &Surface, ring: &[u32], forbidden: &Forbidden) -> Option<Vec
     (triangles.len() == n - 2).then_some(triangles)
 }
 
-fn by_ears(
+/// The same by ears in its plane.
+pub(super) fn by_ears(
     surface: &Surface,
     ring: &[u32],
     rim: &Rim,
