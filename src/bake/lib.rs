@@ -49,7 +49,7 @@ use stonecut_io::materials::MapKind;
 use stonecut_io::ply::MeshSource;
 use stonecut_measure::load;
 use stonecut_mesh::Mesh;
-pub use stonecut_render::texture::{Finish, WantedMaps};
+pub use stonecut_render::texture::{BasisCoding, Finish, WantedMaps};
 use stonecut_render::texture::{ImageCache, SEEN, SURFACE};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::memory::BASE_BYTES;
@@ -110,7 +110,7 @@ pub fn bake(
         + Charts::bytes(n_triangles)
         + if options.normals { FRAME_BYTES * n_triangles } else { 0 };
     let palette = options.palette(&original);
-    let least = least_work_bytes(&palette);
+    let least = least_work_bytes(&palette, options.coding, options.page_texels());
     let free_bytes = free_bytes(n_triangles, (taken, least), means.memory_bytes)?;
     let loaded = load::load(shape, means.threads, progress)?;
     let mut mesh = loaded.mesh;
@@ -187,9 +187,9 @@ pub fn bake(
     )?;
     canvases.count();
     losses.merge(&cache.losses());
-    let colours_in = |kinds: &[MapKind], is_opaque: bool| match is_opaque {
-        true if palette.is_photographic(kinds) => PageKind::Jpeg,
-        _ => PageKind::Png,
+    let coding = options.coding;
+    let colours_in = |kinds: &[MapKind], is_opaque: bool| {
+        PageKind::of_colours(coding, is_opaque && palette.is_photographic(kinds))
     };
     let corners = place.join(format!("{name}-corners.part"));
     charts.write(&corners, means.disk)?;
@@ -200,6 +200,9 @@ pub fn bake(
     let source = original.normal_source();
     let holds_vertex_colours = original.has_colours() && !palette.has_images();
     drop((original, cache));
+    let largest = charts.pages.iter().map(|&[w, h]| u64::from(w) * u64::from(h)).max();
+    let coders = Means { memory_bytes: free_bytes, ..means };
+    let means = Means { threads: coders.coding(coding, largest.unwrap_or(0)).threads, ..means };
     let finish = |canvas: Option<Canvas>, rest: Option<[u8; 4]>, kinds: &[(PageKind, &str)]| {
         let named = |(kind, end): &(PageKind, &str)| (*kind, format!("{name}{end}"));
         let kinds: Vec<_> = kinds.iter().map(named).collect();
@@ -211,7 +214,8 @@ pub fn bake(
     let colours = [(colours_in(&SEEN, !seen.has_alpha), "")];
     let (mut pages, of_colours) = finish(canvases.colours, None, &colours)?;
     let pages = pages.pop().unwrap_or_default();
-    let directions = PageKind::of_numbers(palette.is_photographic(&[MapKind::Normal]), None);
+    let directions =
+        PageKind::of_numbers(coding, palette.is_photographic(&[MapKind::Normal]), None);
     let directions = [(directions, "-normals")];
     let (mut normal_maps, of_normals) =
         finish(canvases.normals, Some(STRAIGHT_PIXEL), &directions)?;
@@ -222,8 +226,9 @@ pub fn bake(
         (false, _) => &[Sheet::Roughness, Sheet::Metallic],
     };
     let is_photographic = palette.is_photographic(&SURFACE);
-    let kind_of =
-        |sheet: &Sheet| (PageKind::of_numbers(is_photographic, sheet.channel()), sheet.suffix());
+    let kind_of = |sheet: &Sheet| {
+        (PageKind::of_numbers(coding, is_photographic, sheet.channel()), sheet.suffix())
+    };
     let kinds: Vec<_> = sheets.iter().map(kind_of).collect();
     let (surface, _) = finish(canvases.surface, None, &kinds)?;
     let light = [(colours_in(&[MapKind::Emissive], true), Sheet::Emission.suffix())];

@@ -4,9 +4,9 @@
 
 use super::charts::Charts;
 use super::normals;
-use super::settings::Options;
+use super::settings::{Options, work_bytes};
 use stonecut_io::ply::{FaceBlock, FaceLooks, MeshSource};
-use stonecut_render::texture::{Paint, Palette, Purpose, SEEN, WantedMaps};
+use stonecut_render::texture::{BasisCoding, Paint, Palette, Purpose, SEEN, WantedMaps};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::memory::BASE_BYTES;
 use stonecut_system::units::{memory_word, show_bytes};
@@ -28,9 +28,10 @@ pub(super) const FRAME_WORK_BYTES: u64 = 324;
 /// Memory without which nothing can be baked: a cell of the original, an image, points under way.
 const LEAST_WORK_BYTES: u64 = 48 << 20;
 
-/// The same where images are larger.
-pub(super) fn least_work_bytes(palette: &Palette) -> u64 {
-    LEAST_WORK_BYTES.max(IMAGE_SHARE * palette.largest_bytes())
+/// The same where images are larger, or KTX2 files of `texels` are made.
+pub(super) fn least_work_bytes(palette: &Palette, coding: Option<BasisCoding>, texels: u64) -> u64 {
+    let of_images = LEAST_WORK_BYTES.max(IMAGE_SHARE * palette.largest_bytes());
+    of_images.max(work_bytes(coding, texels))
 }
 
 /// Bytes of a triangle of a result in memory, with half a vertex that carries colours.
@@ -54,6 +55,9 @@ const PLAIN_TEXELS: f64 = 2.0;
 /// Bytes of a page's file for a texel of it.
 const JPEG_BYTES: f64 = 0.18;
 const PNG_BYTES: f64 = 1.3;
+/// The same of KTX2 as UASTC and as ETC1S, smaller sizes included, and processor seconds to make them.
+const CODED_BYTES: [f64; 2] = [1.1, 0.13];
+const CODING_SECONDS: [f64; 2] = [0.3e-6, 1.8e-6];
 
 /// Bytes of a texel while pages are filled.
 const BYTES_PER_TEXEL: f64 = 4.0;
@@ -125,7 +129,7 @@ pub fn check(
     }
     let palette = options.palette(original);
     let images = palette.decoded_bytes();
-    let least = least_work_bytes(&palette);
+    let least = least_work_bytes(&palette, options.coding, options.page_texels());
     let free = free_bytes(n_triangles, (taken, least), memory_bytes)?;
     let Texels { n: n_texels, n_wanted } = texels(original, &palette, options)?;
     let n_in = original.n_triangles();
@@ -133,7 +137,12 @@ pub fn check(
         [has_looks(original), options.normals, palette.has_emission(), palette.has_surface()];
     let n_canvases = n_canvases.into_iter().map(u64::from).sum::<u64>();
     let on_pages = PAGE_TEXELS * n_texels * n_canvases as f64;
-    let bytes_each = if palette.is_photographic(&SEEN) { JPEG_BYTES } else { PNG_BYTES };
+    let bytes_each = match options.coding {
+        Some(coding) => CODED_BYTES[coding as usize],
+        None if palette.is_photographic(&SEEN) => JPEG_BYTES,
+        None => PNG_BYTES,
+    };
+    let coding_seconds = options.coding.map_or(0.0, |coding| CODING_SECONDS[coding as usize]);
     let cells = CELL_BYTES * n_in;
     // Pages that are as dense as the images need no halves of these; far fewer texels need halves alone, two points a side.
     let halvings = (0.5 * (n_wanted / n_texels).log2() - 1.0).round().clamp(0.0, 3.0);
@@ -151,7 +160,7 @@ pub fn check(
         + (free / POINT_SHARE).min(BATCH_BYTES)
         + if is_held { n_canvases * canvas } else { 0 };
     let cpu_seconds = SECONDS_PER_TEXEL * n_texels
-        + SECONDS_PER_PAGE_TEXEL * on_pages
+        + (SECONDS_PER_PAGE_TEXEL + coding_seconds) * on_pages
         + SECONDS_PER_PIXEL * palette.n_pixels() as f64
         + SECONDS_PER_TRIANGLE * n_in as f64
         + SECONDS_PER_CHART_TRIANGLE * n_triangles as f64;

@@ -4,6 +4,7 @@ use super::settings::MapReport;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use stonecut_io::materials::MapKind;
+use stonecut_render::texture::BasisCoding;
 
 /// Type of a page's image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -17,12 +18,37 @@ pub enum PageKind {
     Numbers(Option<u8>),
     /// The same as JPEG, each channel in full size.
     JpegNumbers(Option<u8>),
+    /// KTX2 of UASTC.
+    Uastc,
+    /// The same of numbers.
+    UastcNumbers,
+    /// KTX2 of ETC1S.
+    Etc1s,
 }
 
 impl PageKind {
-    /// The kind of numbers, as JPEG where all images of these in the original are.
-    pub(super) fn of_numbers(is_photographic: bool, channel: Option<u8>) -> PageKind {
-        if is_photographic { PageKind::JpegNumbers(channel) } else { PageKind::Numbers(channel) }
+    /// The kind of colours: KTX2 if it is wanted, otherwise JPEG where they are photographs.
+    pub(super) fn of_colours(coding: Option<BasisCoding>, is_photographic: bool) -> PageKind {
+        match coding {
+            Some(BasisCoding::Uastc) => PageKind::Uastc,
+            Some(BasisCoding::Etc1s) => PageKind::Etc1s,
+            None if is_photographic => PageKind::Jpeg,
+            None => PageKind::Png,
+        }
+    }
+
+    /// The kind of numbers: as KTX2 always UASTC, which alone keeps directions; otherwise JPEG where all images of these in
+    /// the original are.
+    pub(super) fn of_numbers(
+        coding: Option<BasisCoding>,
+        is_photographic: bool,
+        channel: Option<u8>,
+    ) -> PageKind {
+        match (coding, is_photographic) {
+            (Some(_), _) => PageKind::UastcNumbers,
+            (None, true) => PageKind::JpegNumbers(channel),
+            (None, false) => PageKind::Numbers(channel),
+        }
     }
 
     /// The ending of files.
@@ -30,6 +56,7 @@ impl PageKind {
         match self {
             PageKind::Jpeg | PageKind::JpegNumbers(_) => "jpg",
             PageKind::Png | PageKind::Numbers(_) => "png",
+            PageKind::Uastc | PageKind::UastcNumbers | PageKind::Etc1s => "ktx2",
         }
     }
 
@@ -37,7 +64,16 @@ impl PageKind {
     pub(super) fn channel(self) -> Option<usize> {
         match self {
             PageKind::Numbers(channel) | PageKind::JpegNumbers(channel) => channel.map(usize::from),
-            PageKind::Jpeg | PageKind::Png => None,
+            _ => None,
+        }
+    }
+
+    /// The type of the file as the web names it.
+    pub(super) fn mime(self) -> &'static str {
+        match self.ending() {
+            "jpg" => "image/jpeg",
+            "png" => "image/png",
+            _ => "image/ktx2",
         }
     }
 }

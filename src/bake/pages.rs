@@ -10,6 +10,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use stonecut_render::texture::{BasisCoding, ktx2_file};
 use stonecut_system::disk::{Disk, DiskFile, scratch_file_of};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::parallel::in_order;
@@ -17,7 +18,6 @@ use stonecut_system::progress::Progress;
 
 /// Bytes of a texel.
 const BYTES: usize = 4;
-
 /// A texel that no chart covers.
 const EMPTY: [u8; BYTES] = [0; BYTES];
 
@@ -29,7 +29,6 @@ const GROWTH: u32 = PADDING + 1;
 
 /// Bytes of an image that are written together.
 const OUT_BYTES: usize = 1 << 18;
-
 /// Quality of JPEG pages, of 100.
 const JPEG_QUALITY: u8 = 90;
 
@@ -268,7 +267,20 @@ impl Rows<'_> {
         match kind {
             PageKind::Jpeg | PageKind::JpegNumbers(_) => self.encode_jpeg(out, kind),
             PageKind::Png | PageKind::Numbers(_) => self.encode_png(out, kind),
+            _ => self.encode_ktx2(out, kind),
         }
+    }
+
+    fn encode_ktx2(&self, mut out: impl Write, kind: PageKind) -> Result<()> {
+        let [width, height] = self.size();
+        let mut pixels = Vec::with_capacity((width * height) as usize);
+        for first in (0..height).step_by(BAND_ROWS as usize) {
+            pixels.extend(self.band(first)?);
+        }
+        let coding = if kind == PageKind::Etc1s { BasisCoding::Etc1s } else { BasisCoding::Uastc };
+        let file = ktx2_file(pixels, width, coding, kind != PageKind::UastcNumbers)
+            .map_err(std::io::Error::other);
+        file.and_then(|file| out.write_all(&file)).map_err(|error| not_encoded(&error))
     }
 
     fn encode_png(&self, out: impl Write, kind: PageKind) -> Result<()> {

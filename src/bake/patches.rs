@@ -531,6 +531,7 @@ mod tests {
         };
         let beside = WantedMaps::default();
         let options = Options {
+            coding: None,
             page_size: 512,
             most_pages: None,
             cell_triangles: 300,

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use stonecut_io::ply::MeshSource;
-use stonecut_render::texture::{Palette, Purpose, WantedMaps};
+use stonecut_render::texture::{BasisCoding, Palette, Purpose, WantedMaps};
 use stonecut_store::stage_context::StageContext;
 use stonecut_system::disk::Disk;
 use stonecut_system::losses::Ledger;
@@ -35,9 +35,16 @@ pub struct Options {
     pub normals: bool,
     /// Maps of the original that are baked besides its colours.
     pub beside: WantedMaps,
+    /// KTX2 files with this coding instead of JPEG and PNG.
+    pub coding: Option<BasisCoding>,
 }
 
 impl Options {
+    /// Texels of a page at most.
+    pub(super) fn page_texels(&self) -> u64 {
+        u64::from(self.page_size) * u64::from(self.page_size)
+    }
+
     /// Materials and images of an original as these settings use them.
     pub(super) fn palette(&self, original: &MeshSource) -> Palette {
         let materials = original.materials().map(|all| &**all);
@@ -59,6 +66,23 @@ pub struct Means<'a> {
     /// Counts triangles of the original, then texels; asks to stop.
     pub progress: &'a Progress,
 }
+
+impl Means<'_> {
+    /// The same with no more threads than can make KTX2 files of `texels` each at once.
+    pub(super) fn coding(self, coding: Option<BasisCoding>, texels: u64) -> Self {
+        let bytes = work_bytes(coding, texels);
+        let fitting = self.memory_bytes.checked_div(bytes).unwrap_or(u64::MAX).max(1);
+        Means { threads: self.threads.min(usize::try_from(fitting).unwrap_or(usize::MAX)), ..self }
+    }
+}
+
+/// Bytes of memory while a KTX2 file of `texels` is made; none without a coding.
+pub(super) fn work_bytes(coding: Option<BasisCoding>, texels: u64) -> u64 {
+    coding.map_or(0, |coding| coding.work_bytes() * texels + CODER_BYTES)
+}
+
+/// Bytes of the encoder of KTX2 besides those of texels.
+const CODER_BYTES: u64 = 24 << 20;
 
 impl<'a> From<&'a StageContext<'a>> for Means<'a> {
     fn from(run: &'a StageContext<'a>) -> Means<'a> {

@@ -16,7 +16,9 @@ use stonecut_io::TilePage;
 use stonecut_io::ply::MeshSource;
 use stonecut_mesh::Mesh;
 use stonecut_mesh::oklab::linear_of_srgb;
-use stonecut_render::texture::{Finish, ImageCache, Palette, Purpose, SEEN, WantedMaps};
+use stonecut_render::texture::{
+    BasisCoding, Finish, ImageCache, Palette, Purpose, SEEN, WantedMaps,
+};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::Ledger;
 use stonecut_system::parallel::in_order;
@@ -49,8 +51,8 @@ pub struct TilePicture {
     pub corners: Vec<[[f32; 2]; 3]>,
     /// The file of the image.
     pub image: Vec<u8>,
-    /// True of JPEG, otherwise it is PNG.
-    pub is_jpeg: bool,
+    /// Its type, as the web names it.
+    pub mime: &'static str,
     /// Charts.
     pub n_charts: u64,
     /// Texels of the page.
@@ -75,7 +77,7 @@ impl TilePicture {
         let share = |x: Option<f32>, other: f32| x.unwrap_or(other).clamp(0.0, 1.0);
         TilePage {
             image: &self.image,
-            is_jpeg: self.is_jpeg,
+            mime: self.mime,
             factor: [light(r), light(g), light(b), opacity.clamp(0.0, 1.0)],
             mask: finish.and_then(|finish| finish.mask),
             blends: finish.is_some_and(|finish| finish.blends),
@@ -90,7 +92,7 @@ impl TilePicture {
 pub fn least_for_tiles(source: &MeshSource, n_triangles: u64) -> u64 {
     let images =
         Palette::new(source.materials().map(|all| &**all), Purpose::Bake(WantedMaps::default()));
-    TILE_BYTES * n_triangles + least_work_bytes(&images)
+    TILE_BYTES * n_triangles + least_work_bytes(&images, None, 0)
 }
 
 /// Fails where pages of tiles would fail for want of memory; `n_triangles` is the number of triangles of the tiles that are
@@ -140,7 +142,7 @@ const PARTED: f64 = 1.25;
 const CELL_ROWS: f64 = 1.1;
 
 fn free_bytes(n_triangles: u64, images: &Palette, memory_bytes: u64) -> Result<u64> {
-    let (taken, least) = (TILE_BYTES * n_triangles, least_work_bytes(images));
+    let (taken, least) = (TILE_BYTES * n_triangles, least_work_bytes(images, None, 0));
     let free = memory_bytes.checked_sub(taken).filter(|free| *free >= least);
     free.ok_or_else(|| {
         Error::NoMemory(format!(
@@ -168,6 +170,7 @@ impl Photographs {
             cell_triangles: CELL_TRIANGLES,
             normals: false,
             beside: WantedMaps::default(),
+            coding: None,
         };
         let within = Means { memory_bytes: free_bytes, ..means };
         let original = Original::cut(source, &palette, &options, within)?;
@@ -190,8 +193,9 @@ impl Photographs {
     }
 
     /// A painter of tiles, with caches for cells and images.
-    pub fn painter<'a>(&'a self, means: Means<'a>) -> TilePainter<'a> {
+    pub fn painter<'a>(&'a self, coding: Option<BasisCoding>, means: Means<'a>) -> TilePainter<'a> {
         TilePainter {
+            coding,
             from: self,
             images: ImageCache::new(&self.palette, self.free_bytes / IMAGE_SHARE),
             cells: CellCache::new(self.free_bytes / CELL_SHARE),
@@ -202,6 +206,8 @@ impl Photographs {
 
 /// Makes pages of tiles one after the other.
 pub struct TilePainter<'a> {
+    /// Of KTX2 files, instead of JPEG and PNG.
+    coding: Option<BasisCoding>,
     from: &'a Photographs,
     images: ImageCache<'a>,
     cells: CellCache,
@@ -261,16 +267,17 @@ impl TilePainter<'_> {
         let seen = texels::fill(&scene, &mut self.cells, &mut canvases)?;
         drop((charts, mesh));
         canvases.count();
-        let kind = match self.from.palette.is_photographic(&SEEN) && !seen.has_alpha {
-            true => PageKind::Jpeg,
-            false => PageKind::Png,
-        };
+        let is_photographic = self.from.palette.is_photographic(&SEEN) && !seen.has_alpha;
+        let kind = PageKind::of_colours(self.coding, is_photographic);
+        let largest = pages.iter().map(|page| u64::from(page.size[0]) * u64::from(page.size[1]));
+        let coders = Means { memory_bytes: self.from.free_bytes / IMAGE_SHARE, ..self.means };
+        let coders = coders.coding(self.coding, largest.max().unwrap_or(0));
         let finish = self.from.palette.finish(seen.has_alpha);
         let mut out = Vec::with_capacity(pages.len());
         let canvas = &canvases.colours;
         in_order(
             pages.len() as u64,
-            threads,
+            coders.threads,
             progress,
             |i, file: &mut (Vec<u8>, u64)| {
                 if let Some(canvas) = canvas {
@@ -286,7 +293,7 @@ impl TilePainter<'_> {
                     corners: page.corners.iter().map(|t| t.map(on_page)).collect(),
                     chart: page.chart,
                     image: std::mem::take(image),
-                    is_jpeg: kind == PageKind::Jpeg,
+                    mime: kind.mime(),
                     n_charts: u64::from(page.n_charts),
                     texels: u64::from(width) * u64::from(height),
                     covered_texels: *covered_texels,

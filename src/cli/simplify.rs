@@ -87,7 +87,7 @@ pub struct Args {
     #[arg(long)]
     drop_texture: bool,
     /// Texture images: copy (beside OUTPUT, unless they lie in its folder), link (named where they are), embed (GLB)
-    /// or none [default: copy; embed for GLB].
+    /// or none; those of a new texture in a GLB: ktx2 (UASTC) or etc1s (KTX2, too, smaller) [default: copy; embed for GLB].
     #[arg(long, value_name = "WHAT")]
     textures: Option<TextureMode>,
     #[command(flatten)]

@@ -9,6 +9,7 @@ use super::placing::{TypedMoves, TypedTransform, Up, numbers, parse_transform};
 use super::receipt::{self, TypedReceipt};
 use super::session::{Command, Session};
 use super::tree_receipt::{self, TilesRun};
+use crate::bake::BasisCoding;
 use crate::error::{Offers, Result};
 use crate::io::Weld;
 use crate::io::globe::{Crs, east_north_up, east_north_up_of};
@@ -51,6 +52,9 @@ pub struct Args {
     /// Look of tiles of a scan with images [default: bake where there are images, otherwise colors].
     #[arg(long, value_enum, value_name = "HOW")]
     texture: Option<TypedLook>,
+    /// Pages of textured tiles as KTX2 [default: JPEG, or PNG where images of the input are].
+    #[arg(long, value_enum, value_name = "HOW")]
+    textures: Option<TypedCoding>,
     /// Axis of the mesh that points upwards [default: y for glTF and GLB files, z for all others].
     #[arg(long, value_enum, value_name = "AXIS")]
     up: Option<Up>,
@@ -121,6 +125,15 @@ enum TypedLook {
     Bake,
     /// Colours of vertices out of the images.
     Colors,
+}
+
+/// The choices of `--textures`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum TypedCoding {
+    /// UASTC with Zstandard: a byte a texel in the file and in the graphics card.
+    Ktx2,
+    /// ETC1S: smaller and coarser than JPEG.
+    Etc1s,
 }
 
 /// A place on the earth: latitude, longitude, height.
@@ -214,6 +227,10 @@ impl Args {
                 Some(TypedLook::Bake) => TileTexture::Bake,
                 Some(TypedLook::Colors) => TileTexture::Colors,
             },
+            coding: self.textures.map(|typed| match typed {
+                TypedCoding::Ktx2 => BasisCoding::Uastc,
+                TypedCoding::Etc1s => BasisCoding::Etc1s,
+            }),
             pixels: self.pixels,
             packs: self.compress == Compress::Meshopt,
             is_z_up: self.up != Some(Up::Y),

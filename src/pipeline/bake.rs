@@ -2,7 +2,7 @@
 //!
 //! The decision depends on the input and the settings alone, so a resumed run comes to the same.
 
-use crate::bake;
+use crate::bake::{self, BasisCoding};
 use crate::config::{BAKE_BELOW, Config, Normals, Target, Texture};
 use crate::error::{Error, Result};
 use crate::io::materials::stem;
@@ -116,6 +116,11 @@ pub(super) fn options(config: &Config) -> Result<bake::Options> {
             surface: matches!(config.kind()?, OutputKind::Obj | OutputKind::Glb),
             occlusion: config.kind()? == OutputKind::Glb,
         },
+        coding: match config.textures {
+            Some(TextureMode::Ktx2) => Some(BasisCoding::Uastc),
+            Some(TextureMode::Etc1s) => Some(BasisCoding::Etc1s),
+            _ => None,
+        },
     })
 }
 
@@ -123,6 +128,7 @@ pub(super) fn options(config: &Config) -> Result<bake::Options> {
 fn obstacle(source: &MeshSource, config: &Config) -> Result<Option<String>> {
     let stream = Path::new("-");
     let kind = config.kind()?;
+    let wants_ktx2 = config.textures.is_some_and(TextureMode::is_ktx2);
     let has_own = |name: &&str| source.schema().own_property(name).is_some();
     let at_vertices = TEXTURE_NAMES.iter().any(|pair| pair.iter().all(has_own));
     let found = [
@@ -137,6 +143,12 @@ fn obstacle(source: &MeshSource, config: &Config) -> Result<Option<String>> {
         (
             matches!(config.textures, Some(TextureMode::Link | TextureMode::None)),
             "its images are new; choose --textures copy or embed",
+        ),
+        (wants_ktx2 && kind != OutputKind::Glb, "only GLB holds KTX2; write a .glb"),
+        (wants_ktx2 && !BasisCoding::IS_MADE, "this build makes no KTX2 (feature 'ktx2')"),
+        (
+            wants_ktx2 && !config.bake.page_size.is_multiple_of(4),
+            "pages as KTX2 have sides that are multiples of 4; give another --bake-size",
         ),
         (
             at_vertices,

@@ -162,3 +162,113 @@ fn damaged_images_are_named() {
         assert!(!said.contains("fault"), "{at}: {said}");
     }
 }
+
+/// The KTX2 files in a GLB.
+fn files_in(glb: &Path) -> Vec<Vec<u8>> {
+    let (json, bytes) = (glb_json(glb), std::fs::read(glb).unwrap());
+    let binary = 28 + number(&bytes, 12, 4);
+    let images = json["images"].as_array().unwrap();
+    let file = |image: &serde_json::Value| {
+        assert_eq!(image["mimeType"], "image/ktx2");
+        let view = &json["bufferViews"][image["bufferView"].as_u64().unwrap() as usize];
+        let [at, n] = ["byteOffset", "byteLength"].map(|key| view[key].as_u64().unwrap() as usize);
+        bytes[binary + at..][..n].to_vec()
+    };
+    images.iter().map(file).collect()
+}
+
+/// Writes a sheet with waves of colour; a quarter of it is clear glass if `has_holes`.
+fn waves(folder: &Path, has_holes: bool) {
+    let image = image::RgbaImage::from_fn(128, 128, |x, y| {
+        let wave = (127.0 + 120.0 * (f64::from(x) / 9.0 + f64::from(y) / 29.0).sin()) as u8;
+        image::Rgba([
+            wave,
+            wave / 2,
+            255 - wave,
+            if has_holes && x < 64 && y < 64 { 40 } else { 255 },
+        ])
+    });
+    image.save(folder.join("a.png")).unwrap();
+    let n = 24;
+    let mut obj = "mtllib in.mtl\nusemtl a\n".to_owned();
+    for (y, x) in (0..=n).flat_map(|y| (0..=n).map(move |x| (y, x))) {
+        let [u, v] = [x, y].map(|i| f64::from(i) / f64::from(n));
+        obj += &format!("v {u} {v} {}\nvt {u} {v}\n", 0.03 * (9.0 * u).sin() * (7.0 * v).cos());
+    }
+    for (y, x) in (0..n).flat_map(|y| (0..n).map(move |x| (y, x))) {
+        let [a, b, c, d] =
+            [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(dx, dy)| 1 + x + dx + (y + dy) * (n + 1));
+        obj += &format!("f {a}/{a} {b}/{b} {c}/{c}\nf {a}/{a} {c}/{c} {d}/{d}\n");
+    }
+    std::fs::write(folder.join("in.obj"), obj).unwrap();
+    let glass = if has_holes { "map_d a.png\n" } else { "" };
+    std::fs::write(folder.join("in.mtl"), format!("newmtl a\nmap_Kd a.png\n{glass}")).unwrap();
+}
+
+/// Mean squared difference of two pictures, in dB.
+fn psnr(folder: &Path, meshes: [&str; 2]) -> f64 {
+    let picture = |mesh: &str| {
+        let arguments = format!("render {mesh} -o p.png --view top --unlit --size 160x160 --force");
+        expect(folder, &arguments, 0);
+        image::open(folder.join("p.png")).unwrap().to_rgb8().into_raw()
+    };
+    let [a, b] = meshes.map(picture);
+    let off = |(a, b): (&u8, &u8)| (f64::from(*a) - f64::from(*b)).powi(2);
+    let mean = a.iter().zip(&b).map(off).sum::<f64>() / a.len() as f64;
+    10.0 * (255.0 * 255.0 / mean).log10()
+}
+
+#[test]
+fn pages_of_a_new_texture_become_ktx2() {
+    let folder = &scratch();
+    waves(folder, false);
+    let simplify = |rest: &str, code: i32| {
+        expect(folder, &format!("simplify in.obj --texture bake --ratio 20% --force {rest}"), code)
+    };
+    simplify("png.glb", 0);
+    for (textures, scheme, model, least) in [("ktx2", 2, 166, 38.0), ("etc1s", 1, 163, 26.0)] {
+        simplify(&format!("o.glb --textures {textures} --bake-normals --threads 2"), 0);
+        let document = glb_json(&folder.join("o.glb"));
+        let required = document["extensionsRequired"].as_array().unwrap();
+        assert!(required.contains(&"KHR_texture_basisu".into()));
+        let found = psnr(folder, ["png.glb", "o.glb"]);
+        assert!(found > least, "{textures} {found}");
+        let files = files_in(&folder.join("o.glb"));
+        // Colours, and directions, which are always UASTC and linear.
+        let expected = [(scheme, model, 1, 2), (2, 166, 0, 1)];
+        for (file, (scheme, model, primaries, transfer)) in files.iter().zip(expected) {
+            let [width, height, n_levels] = [20, 24, 40].map(|at| number(file, at, 4));
+            assert!(width % 4 == 0 && height % 4 == 0, "{width} {height}");
+            assert_eq!(n_levels, 1 + width.max(height).ilog2() as usize);
+            assert_eq!(number(file, 44, 4), scheme);
+            let format = number(file, 48, 4);
+            assert_eq!([12, 13, 14].map(|k| file[format + k]), [model, primaries, transfer]);
+            // Levels follow each other up to the end, the smallest first.
+            let level = |k: usize| [0, 8].map(|at| number(file, 80 + 24 * k + at, 8));
+            let mut end = file.len();
+            for [at, n] in (0..n_levels).map(level) {
+                assert!(n > 0);
+                assert_eq!(at + n, end);
+                end = at;
+            }
+        }
+        let bytes = std::fs::read(folder.join("o.glb")).unwrap();
+        simplify(&format!("o.glb --textures {textures} --bake-normals --threads 1"), 0);
+        assert!(bytes == std::fs::read(folder.join("o.glb")).unwrap(), "{textures}");
+    }
+    waves(folder, true);
+    simplify("png.glb", 0);
+    for (textures, samples) in [("ktx2", &[3][..]), ("etc1s", &[0, 15])] {
+        simplify(&format!("o.glb --textures {textures}"), 0);
+        let file = &files_in(&folder.join("o.glb"))[0];
+        let format = number(file, 48, 4);
+        let found: Vec<_> = (0..samples.len()).map(|k| file[format + 31 + 16 * k]).collect();
+        assert_eq!((found, number(file, format, 4)), (samples.to_vec(), 28 + 16 * samples.len()));
+        let found = psnr(folder, ["png.glb", "o.glb"]);
+        assert!(found > 26.0, "{textures} {found}");
+    }
+    assert!(simplify("o.obj --textures ktx2", 2).contains("only GLB holds KTX2"));
+    assert!(simplify("o.glb --textures etc1s --bake-size 250", 2).contains("multiples of 4"));
+    let said = expect(folder, "convert in.obj o.glb --textures ktx2 --force", 2);
+    assert!(said.contains("--texture bake") && said.contains("gltf-transform uastc"), "{said}");
+}

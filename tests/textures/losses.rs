@@ -121,13 +121,6 @@ fn coordinates_of_faces_that_are_not_finite_are_named() {
 }
 
 #[test]
-fn ktx2_that_is_not_made_is_refused_with_the_way_out() {
-    let dir = tempfile::tempdir().unwrap();
-    let said = expect(dir.path(), "convert a.obj a.glb --textures ktx2", 2);
-    says_all(&said, &["KTX2 is read and kept, not made", "gltf-transform uastc"]);
-}
-
-#[test]
 fn libraries_that_name_themselves_end() {
     let folder = &scratch();
     let cyclic = "mtllib sheet.mtl\nmtllib sheet.obj\nnewmtl only\nmap_Kd sheet.mtl\n";

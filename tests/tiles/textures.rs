@@ -92,17 +92,28 @@ fn every_tile_shows_the_images_at_their_places() {
 
 #[test]
 fn cuts_through_tiles_with_pages_are_one_mesh() {
+    cuts_are_one_mesh("", 4);
+    cuts_are_one_mesh("--textures ktx2", 1);
+}
+
+fn cuts_are_one_mesh(textures: &str, n_cuts: usize) {
     let path = &scratch();
     painted(path, 120);
-    expect(path, "tiles in.obj out --tile-triangles 900", 0);
+    expect(path, &format!("tiles in.obj out --tile-triangles 900 {textures}"), 0);
+    let tile = &tiles(&path.join("out"), 0)[0];
+    let required = document(tile)["extensionsRequired"].to_string();
+    assert_eq!(required.contains("KHR_texture_basisu"), !textures.is_empty(), "{required}");
     // The finest level, one in the middle, a fine box in a coarse mesh, and a number of triangles. The farther vertices are
     // apart, the larger is the part of an image that a vertex stands for.
     for (cut, colours) in [
-        ("--max-error 0", (0.02, 4.0)),
+        ("--max-error 0", (0.02, if textures.is_empty() { 4.0 } else { 24.0 })),
         ("--max-error 0.002", (0.1, 8.0)),
         ("--max-error 1 --inside 0.1,0.1,-1,0.4,0.4,1 --max-error-inside 0", (0.2, 12.0)),
         ("--triangles 20k", (0.05, 8.0)),
-    ] {
+    ]
+    .into_iter()
+    .take(n_cuts)
+    {
         expect(path, &format!("extract out cut.ply --force {cut}"), 0);
         let found = check(path, "cut.ply");
         assert_eq!(count(&found, "components"), 1, "{cut}: {found}");

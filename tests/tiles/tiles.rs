@@ -178,6 +178,7 @@ pub fn config(folder: &Path, output: &str) -> TilesConfig {
         tile_triangles: 1000,
         finest: Finest::Input,
         texture: TileTexture::Auto,
+        coding: None,
         pixels: 1.0,
         packs: true,
         is_z_up: true,
@@ -267,7 +268,10 @@ pub fn check_colours(mesh: &Path, (rim, most_off): (f64, f64)) -> usize {
             // The image repeats beyond its ends.
             let found = (f64::from(blue), f64::from(red));
             let off = (found.0 - 256.0 * x + 0.5).abs().max((found.1 - 255.5 + 256.0 * x).abs());
-            assert!(green == 0 && off < most_off, "{red} {green} {blue} at {x} {y}");
+            assert!(
+                f64::from(green) <= most_off / 4.0 && off < most_off,
+                "{red} {green} {blue} at {x} {y}"
+            );
         }
         n += 1;
     }

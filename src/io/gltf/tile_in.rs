@@ -1,6 +1,6 @@
 //! Reads a tile back that `tile_out` has written, for its checker: every number as it is stored.
 
-use super::json::{Document, View};
+use super::json::{Document, Texture, View};
 use super::meshopt::decode;
 use super::tile_out::TileMesh;
 use super::tile_scalars::{TileScalar, join_all, number};
@@ -146,7 +146,9 @@ fn page(document: &Document, binary: &[u8]) -> Result<Option<StoredPage>, String
     let Some(material) = document.materials.first() else { return Ok(None) };
     let surface = &material.pbr_metallic_roughness;
     let Some(texture) = surface.base_color_texture.as_ref() else { return Ok(None) };
-    let source = document.textures.get(texture.index).and_then(|texture| texture.source);
+    let texture = document.textures.get(texture.index);
+    let basis = |texture: &Texture| texture.extensions.basis.as_ref()?.source;
+    let source = texture.and_then(|texture| texture.source.or_else(|| basis(texture)));
     let image = source.and_then(|source| document.images.get(source));
     let view = image
         .and_then(|image| document.buffer_views.get(image.buffer_view?))
@@ -264,7 +266,7 @@ mod tests {
         encoder.write_header().unwrap().write_image_data(&[7; 18]).unwrap();
         let page = TilePage {
             image: &image,
-            is_jpeg: false,
+            mime: "image/png",
             factor: [1.0; 4],
             mask: None,
             blends: false,

@@ -5,6 +5,7 @@
 //! of 24 bits exactly. Colours are linear, as glTF wants them; instead of colours there may be a page, an image within
 //! the file. Further properties are attributes with names that begin with `_`.
 
+use super::materials_out::BASIS;
 use super::meshopt_out::{OCTAHEDRAL, octahedral, pack_triangles, reorder};
 use super::meshopt_vertices::encode_vertices;
 use super::tile_scalars::{TileScalar, element};
@@ -61,8 +62,8 @@ pub struct TileForm<'a> {
 pub struct TilePage<'a> {
     /// The file of the image.
     pub image: &'a [u8],
-    /// True of JPEG, otherwise it is PNG.
-    pub is_jpeg: bool,
+    /// Its type, as the web names it.
+    pub mime: &'static str,
     /// Linear light and opacity by which the image is multiplied.
     pub factor: [f32; 4],
     /// Opaque from this value on, where opacity is a mask.
@@ -269,6 +270,8 @@ pub fn encode_tile(mut mesh: TileMesh, form: TileForm) -> (Vec<u8>, Vec<u32>) {
             "byteLength": binary.unpacked, "extensions": { MESHOPT: { "fallback": true } },
         }));
     }
+    let is_basis = form.page.is_some_and(|page| page.mime == "image/ktx2");
+    required.extend(is_basis.then_some(BASIS));
     let mut used = required.clone();
     if form.page.is_some_and(|page| page.unlit) {
         used.push(UNLIT);
@@ -289,10 +292,13 @@ pub fn encode_tile(mut mesh: TileMesh, form: TileForm) -> (Vec<u8>, Vec<u32>) {
         "scene": 0,
     });
     if let (Some(page), Some(view)) = (form.page, page_view) {
-        let mime = if page.is_jpeg { "image/jpeg" } else { "image/png" };
-        document["images"] = json!([{ "bufferView": view, "mimeType": mime }]);
+        document["images"] = json!([{ "bufferView": view, "mimeType": page.mime }]);
         document["samplers"] = json!([{ "wrapS": CLAMP, "wrapT": CLAMP }]);
-        document["textures"] = json!([{ "source": 0, "sampler": 0 }]);
+        let source = json!({ "source": 0 });
+        let mut texture =
+            if is_basis { json!({ "extensions": { BASIS: source } }) } else { source };
+        texture["sampler"] = 0.into();
+        document["textures"] = json!([texture]);
     }
     (glb(&document, &binary.bytes), order)
 }

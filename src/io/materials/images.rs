@@ -172,15 +172,17 @@ impl Materials {
     }
 }
 
-/// Width and height of the file of a JPEG or PNG image, which is whole; the error says in words what is wrong with it.
+/// Width and height of the file of a JPEG, PNG or KTX2 image, which is whole; the error says in words what is wrong with it.
 pub fn image_size(bytes: &[u8]) -> Result<[u32; 2], String> {
     let end_mark: &[u8] = match imagesize::image_type(bytes) {
         Ok(imagesize::ImageType::Png) => b"IEND",
         Ok(imagesize::ImageType::Jpeg) => b"\xff\xd9",
-        _ => return Err("is neither JPEG nor PNG".to_owned()),
+        // Decoders find out where the data of a level ends.
+        Ok(imagesize::ImageType::Ktx2) => b"",
+        _ => return Err("is neither JPEG nor PNG nor KTX2".to_owned()),
     };
     let tail = &bytes[bytes.len().saturating_sub(TAIL_BYTES as usize)..];
-    if !tail.windows(end_mark.len()).any(|window| window == end_mark) {
+    if !end_mark.is_empty() && !tail.windows(end_mark.len()).any(|window| window == end_mark) {
         return Err("was cut off".to_owned());
     }
     let size = imagesize::blob_size(bytes).map_err(|_| "has no size".to_owned())?;

@@ -27,9 +27,18 @@ pub enum TextureMode {
     Embed,
     /// Nowhere; coordinates and materials stay.
     None,
+    /// New ones in a GLB, as KTX2 of UASTC.
+    Ktx2,
+    /// The same of ETC1S.
+    Etc1s,
 }
 
 impl TextureMode {
+    /// True if new images become KTX2.
+    pub fn is_ktx2(self) -> bool {
+        matches!(self, TextureMode::Ktx2 | TextureMode::Etc1s)
+    }
+
     /// The word of the option.
     pub fn name(self) -> &'static str {
         match self {
@@ -37,6 +46,8 @@ impl TextureMode {
             TextureMode::Link => "link",
             TextureMode::Embed => "embed",
             TextureMode::None => "none",
+            TextureMode::Ktx2 => "ktx2",
+            TextureMode::Etc1s => "etc1s",
         }
     }
 }
@@ -45,14 +56,10 @@ impl std::str::FromStr for TextureMode {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let all = [TextureMode::Copy, TextureMode::Link, TextureMode::Embed, TextureMode::None];
+        use TextureMode::{Copy, Embed, Etc1s, Ktx2, Link};
+        let all = [Copy, Link, Embed, TextureMode::None, Ktx2, Etc1s];
         let found = all.into_iter().find(|mode| mode.name() == text);
-        found.ok_or_else(|| match text {
-            "ktx2" => "KTX2 is read and kept, not made: write .glb, then run 'gltf-transform uastc IN.glb OUT.glb' or \
-                       'gltf-transform etc1s IN.glb OUT.glb'"
-                .to_owned(),
-            _ => format!("'{text}' is none of copy, link, embed, none"),
-        })
+        found.ok_or_else(|| format!("'{text}' is none of copy, link, embed, none, ktx2, etc1s"))
     }
 }
 
@@ -408,6 +415,12 @@ fn decided(request: &TextureRequest) -> Result<TextureMode> {
             let what = "--textures copy: there is no folder beside standard output; choose link, embed or none";
             Err(Error::Usage(what.to_owned()))
         }
+        Some(mode) if mode.is_ktx2() => Err(Error::Usage(format!(
+            "--textures {}: images that are kept stay as they are, those of a new texture in a .glb become KTX2; choose \
+             --texture bake, or run 'gltf-transform {} IN.glb OUT.glb' on the result",
+            mode.name(),
+            if mode == TextureMode::Ktx2 { "uastc" } else { "etc1s" }
+        ))),
         mode => Ok(mode.unwrap_or(default)),
     }
 }

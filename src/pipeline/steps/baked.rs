@@ -125,7 +125,8 @@ impl SimplifyRun<'_> {
         let request = TextureRequest {
             output: beside,
             kind: self.config.kind()?,
-            mode: config.textures,
+            // KTX2 of a new texture is in the pages, which are GLB's then.
+            mode: config.textures.filter(|mode| !mode.is_ktx2()),
             force: config.job.force,
         };
         let mut materials = materials_of(baked, &stem)?;

@@ -1,5 +1,6 @@
 //! Decided settings of a run of `tiles`: every value final.
 
+use crate::bake::BasisCoding;
 use crate::config::CHECKPOINT_EVERY;
 use crate::io::ply::ReadOptions;
 use crate::io::{InputPaths, NameUse, Weld};
@@ -52,6 +53,8 @@ pub struct TilesConfig {
     pub finest: Finest,
     /// Look of tiles of an input with images.
     pub texture: TileTexture,
+    /// KTX2 files with this coding as pages, instead of JPEG and PNG.
+    pub coding: Option<BasisCoding>,
     /// Pixels that the distance from the input may have on the screen of a viewer with its defaults.
     pub pixels: f64,
     /// Packs tiles with EXT_meshopt_compression.
@@ -101,6 +104,7 @@ impl TilesConfig {
             tile_triangles: TILE_TRIANGLES,
             finest: Finest::default(),
             texture: TileTexture::default(),
+            coding: None,
             pixels: 1.0,
             packs: true,
             is_z_up: true,
@@ -155,6 +159,9 @@ impl TilesConfig {
             Finest::Ratio(ratio) => settings.insert("finest".to_owned(), ratio.to_string()),
             Finest::Triangles(n) => settings.insert("finest".to_owned(), format!("{n} triangles")),
         };
+        if let Some(coding) = self.coding {
+            settings.insert("textures".to_owned(), format!("{coding:?}").to_lowercase());
+        }
         if self.weld != Weld::Auto {
             settings.insert("weld".to_owned(), self.weld.to_string());
         }

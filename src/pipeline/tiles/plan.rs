@@ -3,8 +3,8 @@
 use super::config::{Finest, NAMED, TileTexture, TilesConfig};
 use super::pending::{check_tree, checksum};
 use crate::bake::{
-    TilesNeed, check_tiles, colour_properties, has_images, has_only_images, least_for_colours,
-    least_for_tiles,
+    BasisCoding, TilesNeed, check_tiles, colour_properties, has_images, has_only_images,
+    least_for_colours, least_for_tiles,
 };
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
@@ -364,6 +364,16 @@ fn scalar_bytes(schema: &VertexSchema) -> f64 {
 
 /// True if tiles get pages. Errors: pages were asked for, and the input has none that could be made.
 fn is_textured(source: &MeshSource, config: &TilesConfig) -> Result<bool> {
+    let has_pages = config.texture != TileTexture::Colors && has_images(source);
+    let found = [
+        (!has_pages, "no pages are made of this input"),
+        (config.viewer, "the viewer shows JPEG and PNG only; leave --viewer out"),
+        (!BasisCoding::IS_MADE, "this build makes no KTX2 (feature 'ktx2')"),
+    ];
+    let obstacle = found.into_iter().find(|(is_so, _)| *is_so && config.coding.is_some());
+    if let Some((_, what)) = obstacle {
+        return Err(Error::Usage(format!("--textures: {what}")));
+    }
     match config.texture {
         TileTexture::Colors => Ok(false),
         TileTexture::Auto => Ok(has_images(source)),

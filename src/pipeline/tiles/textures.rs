@@ -109,7 +109,7 @@ pub(super) fn paint(
             let photographs = unchanged(&config.input, marks, staged)?;
             run.progress.count_from_zero(n_triangles);
             let mut work = Work {
-                painter: photographs.painter(run.into()),
+                painter: photographs.painter(config.coding, run.into()),
                 folder: pending,
                 packs: config.packs,
                 texels_per_unit: photographs.texels_per_unit(),

@@ -27,9 +27,10 @@ pub struct Decoded {
     has_opacity: bool,
 }
 
-struct ImageLevel {
-    size: [u32; 2],
-    pixels: Vec<[u8; 4]>,
+/// Pixels in rows of a width.
+pub(super) struct ImageLevel {
+    pub(super) size: [u32; 2],
+    pub(super) pixels: Vec<[u8; 4]>,
 }
 
 /// First bytes of a KTX2 file.
@@ -206,7 +207,7 @@ impl ImageLevel {
     }
 
     /// The same in half the size, rounded down.
-    fn half(&self, table: &LightTable) -> ImageLevel {
+    pub(super) fn half(&self, table: &LightTable) -> ImageLevel {
         let size = self.size.map(|side| (side / 2).max(1));
         let mut pixels = Vec::with_capacity(size[0] as usize * size[1] as usize);
         if self.size.iter().all(|side| side % 2 == 0) {

@@ -10,7 +10,7 @@ use ktx2::{ColorModel, Format, Header, LevelIndex, SupercompressionScheme};
 
 /// Bytes of the header of a `.basis` file, and of the description of a slice.
 const HEADER_BYTES: usize = 77;
-const SLICE_BYTES: usize = 23;
+pub(super) const SLICE_BYTES: usize = 23;
 
 /// Bytes of the global data of ETC1S before its descriptions of images, and of such a description.
 const GLOBAL_BYTES: usize = 20;

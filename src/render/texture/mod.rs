@@ -4,11 +4,14 @@
 //! vertices of a cut through tiles get them (`pipeline/extract`).
 //! Knows no triangles; the description of materials is in `io/materials`.
 
+mod basis_coding;
 mod frames;
 mod images;
 mod jpeg;
 #[cfg(feature = "ktx2")]
 mod ktx2_image;
+#[cfg(feature = "ktx2")]
+mod ktx2_out;
 mod light_table;
 mod lights;
 mod map_use;
@@ -16,8 +19,13 @@ mod page;
 mod palette;
 mod purpose;
 
+pub use basis_coding::BasisCoding;
+#[cfg(not(feature = "ktx2"))]
+pub use basis_coding::ktx2_file;
 pub use frames::{Axes, FrameCorner, Tangent, outward, tangents, unpacked};
 pub use images::{Decoded, ImageCache};
+#[cfg(feature = "ktx2")]
+pub use ktx2_out::ktx2_file;
 pub use light_table::{Light, pixel_of};
 pub use lights::{Spot, look_up, multiply, times_opacity};
 pub use map_use::MapUse;

@@ -95,7 +95,7 @@ Placement = Literal["optimal", "subset", "midpoint"]
 Normals = Literal["keep", "recompute", "drop"]
 Method = Literal["collapse", "cluster", "decimate", "retile"]
 Until = Literal["partition", "simplify", "stitch"]
-Textures = Literal["copy", "link", "embed", "none"]
+Textures = Literal["copy", "link", "embed", "none", "ktx2", "etc1s"]
 Kind = Literal["terrain", "statue", "gyroid", "scans", "volume", "rooms"]
 
 
@@ -824,6 +824,7 @@ def tiles(
     finest: int | str | float | None = None,
     compress: Literal["meshopt", "none"] | None = None,
     texture: Literal["bake", "colors"] | None = None,
+    textures: Literal["ktx2", "etc1s"] | None = None,
     up: Literal["y", "z"] | None = None,
     scale: float | None = None,
     translate: str | Iterable[float] | None = None,
@@ -851,6 +852,7 @@ def tiles(
         tile_triangles: about so many in a tile [16k]. pixels: the deviation in a viewer's picture, at most [1].
         finest: the finest level that is kept, a share or a count. compress: ``"meshopt"`` or ``"none"`` ["meshopt"].
         texture: ``"bake"`` an image for each tile, or ``"colors"`` of vertices out of the images.
+        textures: images of tiles as KTX2, ``"ktx2"`` (UASTC) or ``"etc1s"`` (smaller) [JPEG or PNG].
         up, scale, translate, recentre: place the mesh. geo: latitude, longitude, height of its origin. transform: 16 numbers
             by columns. crs: the system of its coordinates, as ``"EPSG:25832"``. viewer: a page to look at the tree.
 
@@ -863,6 +865,7 @@ def tiles(
         finest=finest,
         compress=compress,
         texture=texture,
+        textures=textures,
         up=up,
         scale=scale,
         translate=_joined(translate),
