@@ -272,34 +272,23 @@ fn one_sided(
     let per_block = n_triangles as u64 * BLOCK_SAMPLES / options.samples.max(1);
     let per_block = per_block.clamp(16, BLOCK_ROWS) as usize;
     let n_blocks = n_triangles.div_ceil(per_block) as u64;
-    parallel::in_order(
-        n_blocks,
-        options.threads,
-        progress,
-        |block, out: &mut Option<SideSums>| {
-            let own = out.insert(new_sums());
-            direction.measure_samples(rows(block, per_block, n_triangles), own)
-        },
-        |_, block| {
-            block.iter().for_each(|block| sums.merge(block));
-            Ok(())
-        },
-    )?;
+    let mut merge = |_, block: &mut Option<SideSums>| {
+        block.iter().for_each(|block| sums.merge(block));
+        Ok(())
+    };
+    let measure = |block, out: &mut Option<SideSums>| {
+        let own = out.insert(new_sums());
+        direction.measure_samples(rows(block, per_block, n_triangles), own)
+    };
+    parallel::in_order(n_blocks, options.threads, progress, measure, &mut merge)?;
     let used = used_vertices(source.mesh);
     let per_block = BLOCK_ROWS as usize;
-    parallel::in_order(
-        used.len().div_ceil(per_block) as u64,
-        options.threads,
-        progress,
-        |block, out: &mut Option<SideSums>| {
-            let own = out.insert(new_sums());
-            direction.measure_vertices(&used, rows(block, per_block, used.len()), own)
-        },
-        |_, block| {
-            block.iter().for_each(|block| sums.merge(block));
-            Ok(())
-        },
-    )?;
+    let n_blocks = used.len().div_ceil(per_block) as u64;
+    let measure = |block, out: &mut Option<SideSums>| {
+        let own = out.insert(new_sums());
+        direction.measure_vertices(&used, rows(block, per_block, used.len()), own)
+    };
+    parallel::in_order(n_blocks, options.threads, progress, measure, &mut merge)?;
     Ok((sums.finish(tree.is_empty()), tree))
 }
 

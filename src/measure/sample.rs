@@ -11,6 +11,7 @@ use super::triangle::{self, Vector};
 use std::ops::Range;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::morton::spread;
+use stonecut_mesh::scatter;
 use stonecut_system::error::Result;
 
 /// A point on a surface.
@@ -83,11 +84,12 @@ impl Density {
             return Spread::default();
         }
         let hash = self.hash(corners);
-        let count = (expected + unit(hash)) as u64;
+        let count = (expected + scatter::unit(hash)) as u64;
         if count == 0 {
             return Spread::default();
         }
-        let start = [mix(hash ^ 0x9e37_79b9), mix(hash ^ 0x7f4a_7c15)].map(unit);
+        let start = [scatter::hash(hash ^ 0x9e37_79b9), scatter::hash(hash ^ 0x7f4a_7c15)]
+            .map(scatter::unit);
         Spread { count, start }
     }
 
@@ -123,19 +125,6 @@ impl Spread {
             out.push(Sample { point, weights: [u as f32, v as f32], triangle });
         }
     }
-}
-
-/// A number in [0, 1) from the upper bits of a hash.
-fn unit(hash: u64) -> f64 {
-    (hash >> 11) as f64 / (1u64 << 53) as f64
-}
-
-/// One round of SplitMix64.
-fn mix(value: u64) -> u64 {
-    let value = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let value = (value ^ (value >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let value = (value ^ (value >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    value ^ (value >> 31)
 }
 
 /// Sorts samples along a space-filling curve through their box, so that neighbours follow each other.

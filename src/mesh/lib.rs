@@ -25,6 +25,7 @@ pub mod placing;
 pub mod property;
 pub mod record;
 pub mod relief;
+pub mod scatter;
 pub mod sight;
 pub mod steps;
 pub mod topology_counts;

@@ -3,6 +3,8 @@
 //! Open addressing over one list of keys; the number of a key is its place in the list, so that it depends on the order
 //! of keys and on nothing else.
 
+use stonecut_mesh::scatter::mix;
+
 /// A key of a `KeyTable`.
 pub(super) trait Key: Copy + Eq {
     /// Bits that differ between keys in all places.
@@ -22,14 +24,6 @@ impl Key for [u32; 3] {
         let [a, b, c] = self.map(u64::from);
         mix((a | b << 32) ^ mix(c))
     }
-}
-
-/// The finaliser of SplitMix64 (Steele, Lea & Flood 2014).
-#[inline(always)]
-pub(super) fn mix(mut x: u64) -> u64 {
-    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
 }
 
 /// The mark of a free slot.

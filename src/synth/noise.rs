@@ -3,13 +3,7 @@
 //! Nothing here has a state, so any vertex can be computed alone, by any thread, in any order. Only
 //! additions, multiplications, divisions and roots are used: their results are the same on every machine.
 
-/// A well-mixed hash of one number (the finaliser of a 64-bit multiply-xorshift generator).
-pub(super) fn hash(value: u64) -> u64 {
-    let mut h = value.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    h = (h ^ (h >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    h = (h ^ (h >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    h ^ (h >> 31)
-}
+use stonecut_mesh::scatter::hash;
 
 /// A hash of a number under a seed.
 pub(super) fn hash2(value: u64, seed: u64) -> u64 {
@@ -20,11 +14,6 @@ pub(super) fn hash2(value: u64, seed: u64) -> u64 {
 pub(super) fn signed3(hash: u64) -> [f64; 3] {
     let field = |shift: u32| ((hash >> shift) & 0x1F_FFFF) as f64 / f64::from(1u32 << 20) - 1.0;
     [field(0), field(21), field(42)]
-}
-
-/// The hash as a value in [0, 1).
-pub(super) fn unit(hash: u64) -> f64 {
-    (hash >> 11) as f64 / (1u64 << 53) as f64
 }
 
 /// Nearly normal noise of variance 1: the scaled sum of three uniform values.

@@ -4,10 +4,11 @@
 //! lost pixels and specks (outliers floating above the surface), slightly misplaced and differently
 //! exposed. A block is a band of rows of one patch; vertices are its valid pixels in row order.
 
-use super::noise::{gauss, hash2, noise3, signed3, unit};
+use super::noise::{gauss, hash2, noise3, signed3};
 use super::sculpture::Sculpture;
 use super::sliced::{BlockCounts, Sliced};
 use super::surface::{Vertex, unit_vector};
+use stonecut_mesh::scatter::unit;
 use stonecut_mesh::vec3::{cross, dot};
 
 /// Triangles of one patch of a large set: about what a structured-light scanner takes at once.

@@ -445,7 +445,7 @@ fn ends_in_slash(path: &Path) -> bool {
 }
 
 /// A path without links and dots, as far as it is there.
-fn real(path: &Path) -> PathBuf {
+pub fn real(path: &Path) -> PathBuf {
     let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
     let mut above = whole.as_path();
     loop {

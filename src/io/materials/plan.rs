@@ -5,7 +5,7 @@
 
 use super::description::{Image, ImageData, MapKind, Materials};
 use super::images::{ImageFacts, is_same, look};
-use super::search::{real, relative};
+use super::search::relative;
 use super::{losses, mtl_text};
 use crate::output_format::OutputKind;
 use std::collections::{HashMap, HashSet};
@@ -14,6 +14,7 @@ use std::sync::Arc;
 use stonecut_system::disk::{folder_of, open_input};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Ledger, Loss, LossKind};
+use stonecut_system::paths::real;
 use stonecut_system::pending_file::{Seen, refuse_irregular, refuse_linked};
 
 /// Treatment of images, as `--textures` says.

@@ -320,18 +320,6 @@ fn list(folder: &Path) -> HashMap<String, OsString> {
     out
 }
 
-/// The path without links, as far as it is there.
-pub(super) fn real(path: &Path) -> PathBuf {
-    if let Ok(real) = path.canonicalize() {
-        return real;
-    }
-    let path = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
-    match (path.parent(), path.file_name()) {
-        (Some(parent), Some(name)) if parent != path => real(parent).join(name),
-        _ => path,
-    }
-}
-
 /// The way from a folder to a file, both without links, with slashes.
 pub fn relative(folder: &Path, file: &Path) -> String {
     let parts = |path: &Path| -> Vec<String> {

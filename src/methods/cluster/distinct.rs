@@ -3,7 +3,7 @@
 //! Sketches merge by the maximum of registers, so the order of keys and the number of threads do not matter. Standard
 //! error 1.04 / sqrt(16,384) = 0.8 %.
 
-use crate::key_table::mix;
+use stonecut_mesh::scatter;
 
 /// Bits of a hash that choose the register.
 const PRECISION: u32 = 14;
@@ -28,7 +28,7 @@ impl Distinct {
     #[inline(always)]
     pub(super) fn add(&mut self, key: u64) {
         // Keys of cells near the origin are small; the finaliser maps 0 to 0.
-        let hash = mix(key.wrapping_add(0x9e37_79b9_7f4a_7c15));
+        let hash = scatter::hash(key);
         let register = (hash >> (64 - PRECISION)) as usize;
         let rank = ((hash << PRECISION).leading_zeros().min(MOST as u32) + 1) as u8;
         let place = &mut self.registers[register];

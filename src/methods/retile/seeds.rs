@@ -3,9 +3,9 @@
 
 use super::clusters::NONE;
 use super::refine::Surface;
-use crate::key_table::mix;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use stonecut_mesh::scatter::mix;
 use stonecut_mesh::steps::count;
 use stonecut_mesh::vec3::{length_sq, sub};
 use stonecut_system::error::Result;

@@ -7,7 +7,7 @@ use super::whole::{Left, WholeMesh};
 use crate::error::Result;
 use crate::kernel::{self, Options, Simplified, Stepwise, Stop};
 use crate::mesh::global_vertex::GlobalVertex;
-use crate::stages::simplify::{Thresholds, descend, ladder, pilot_cells};
+use crate::stages::simplify::{Thresholds, descend, ladder, pilot_sample};
 use crate::store::cell_id::CellId;
 use crate::store::cells::CellMesh;
 use crate::system::parallel::{Weighted, largest_first};
@@ -117,12 +117,7 @@ impl Pilot<'_> {
         if ratio >= 1.0 {
             return Ok((Thresholds::default(), Begun::new()));
         }
-        let total: u64 = CellId::first(cut.n_cells()).map(|cell| cut.n_triangles(cell)).sum();
-        // Nearly empty cells say nothing about the others.
-        let enough = total / cut.n_cells() as u64 / 8;
-        let is_telling = |cell: &CellId| cut.n_triangles(*cell) > enough;
-        let telling: Vec<CellId> = CellId::first(cut.n_cells()).filter(is_telling).collect();
-        let sample: Vec<CellId> = pilot_cells(telling.len()).iter().map(|&i| telling[i]).collect();
+        let sample = pilot_sample(cut.n_cells(), |cell| cut.n_triangles(cell));
         let rungs = ladder(&(self.load)(sample[0]).mesh);
         let options = Options { estimate: true, ..self.options.clone() };
         let sampled: Mutex<BTreeMap<CellId, Sampled>> = Mutex::default();

@@ -13,16 +13,17 @@ mod stars;
 
 pub use sizes::{Below, ComponentSizes, Least, below_list, sizes_in_memory};
 
+use crate::simplify::half_written;
 use found::{FOUND_NAME, Found};
 use join::VERDICTS_NAME;
 use serde::{Deserialize, Serialize};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 use std::time::Instant;
 use stonecut_store::cell_id::CellId;
 use stonecut_store::cells::{CellStore, PackFile, PackWriter, Pieces, StoreInfo, load_bytes};
 use stonecut_store::pack_format::ChunkKind;
 use stonecut_store::stage_context::StageContext;
-use stonecut_system::error::{Error, Result};
+use stonecut_system::error::Result;
 use stonecut_system::parallel::{Weighted, largest_first};
 
 /// Bytes a vertex for pieces and their sizes, besides the loaded cell: number, table of places, and a piece of
@@ -117,9 +118,4 @@ fn see_cells(store: &CellStore, least: Least, run: &StageContext) -> Result<Pack
     let synced = output.pack.sync();
     outcome.and(synced)?;
     Ok(output.pack)
-}
-
-/// A panic within `append` may have left half a chunk: nothing may follow it.
-fn half_written<T>(_: PoisonError<T>) -> Error {
-    Error::Internal("another worker failed while it wrote".to_owned())
 }

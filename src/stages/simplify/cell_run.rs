@@ -209,8 +209,8 @@ struct Output {
 }
 
 /// A panic within `append` may have left half a chunk: nothing may follow it, and no source be freed for it.
-fn half_written<T>(_: PoisonError<T>) -> Error {
-    Error::Internal("another worker fell while it wrote".to_owned())
+pub(crate) fn half_written<T>(_: PoisonError<T>) -> Error {
+    Error::Internal("another worker failed while it wrote".to_owned())
 }
 
 impl Output {

@@ -86,6 +86,15 @@ impl Thresholds {
     }
 }
 
+/// The cells that a pilot samples, by the triangles of each. Nearly empty ones, around a hub whose triangles lie in another,
+/// tell nothing.
+pub fn pilot_sample(n_cells: usize, triangles: impl Fn(CellId) -> u64) -> Vec<CellId> {
+    let enough = CellId::first(n_cells).map(&triangles).sum::<u64>() / n_cells as u64 / 8;
+    let telling: Vec<CellId> =
+        CellId::first(n_cells).filter(|&cell| triangles(cell) > enough).collect();
+    pilot_cells(telling.len()).into_iter().map(|i| telling[i]).collect()
+}
+
 /// The cells that a pilot samples, as places in a list of `n_cells`.
 pub fn pilot_cells(n_cells: usize) -> Vec<usize> {
     spread_cells(n_cells, PILOT_CELLS)

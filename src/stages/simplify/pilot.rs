@@ -5,7 +5,7 @@
 //! want of memory or after an interruption, is computed again along the same ladder: the same bytes.
 
 use super::cell_run::{CellRun, Goal};
-use super::ladder::{Thresholds, descend, ladder, pilot_cells};
+use super::ladder::{Thresholds, descend, ladder, pilot_sample};
 use super::memory::cell_bytes;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -108,15 +108,10 @@ pub fn thresholds_of(
 
 /// The cells of a pilot, in order; none if nothing is to be done.
 fn sample(store: &CellStore, goal: Goal) -> Vec<CellId> {
-    let n_triangles = store.info().triangles;
-    if goal.triangles >= n_triangles {
+    if goal.triangles >= store.info().triangles {
         return Vec::new();
     }
-    // Nearly empty cells, around a hub whose triangles lie in another, tell nothing.
-    let enough = n_triangles / store.n_cells() as u64 / 8;
-    let is_telling = |cell: &CellId| store.info().cells[*cell].triangles > enough;
-    let telling: Vec<CellId> = CellId::first(store.n_cells()).filter(is_telling).collect();
-    pilot_cells(telling.len()).into_iter().map(|i| telling[i]).collect()
+    pilot_sample(store.n_cells(), |cell| store.info().cells[cell].triangles)
 }
 
 /// Sends some cells of a sample down its ladder.

@@ -42,7 +42,7 @@ impl TurnedFrame {
 
 /// The integer below; saturates. Without the call that `f64::floor` is on older processors.
 #[inline]
-fn floor(x: f64) -> i32 {
+pub(super) fn floor(x: f64) -> i32 {
     let towards_zero = x as i32;
     towards_zero.saturating_sub(i32::from(f64::from(towards_zero) > x))
 }

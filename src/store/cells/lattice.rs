@@ -6,6 +6,7 @@
 //!
 //! docs/design/tiles.md.
 
+use super::kd_tree::floor;
 use crate::cell_id::CellId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -93,13 +94,6 @@ impl Lattice {
         let step = self.step_of(level);
         [0, 1, 2].map(|k| floor((point[k] - self.origin[k]) / step + 0.5))
     }
-}
-
-/// The largest whole number that is not above `x`, without a call of the C library.
-#[inline]
-fn floor(x: f64) -> i32 {
-    let whole = x as i32;
-    whole.saturating_sub(i32::from(x < f64::from(whole)))
 }
 
 /// The box of the next level that a box lies in.

@@ -4,8 +4,9 @@
 //! weld by position joins what the atlas keeps apart. Walls between rooms are two sheets, a hand's breadth apart.
 
 use super::paint::Paint;
-use crate::noise::{hash2, signed3, unit};
+use crate::noise::{hash2, signed3};
 use crate::surface::unit_vector;
+use stonecut_mesh::scatter::unit;
 use stonecut_mesh::vec3::cross;
 
 /// Width, depth and height of a room in metres.

@@ -3,7 +3,8 @@
 //! A colour is a function of the place on its panel, so the images of the atlas and the colours at vertices
 //! are the same thing sampled twice.
 
-use super::super::noise::{hash2, noise3, smoothstep, unit};
+use super::super::noise::{hash2, noise3, smoothstep};
+use stonecut_mesh::scatter::unit;
 
 /// Materials.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,7 +6,6 @@
 mod boxes;
 mod tile;
 
-use crate::noise::hash;
 use crate::rooms::{self, Rooms};
 use crate::sliced::CountedSurface;
 use crate::write::Stream;
@@ -17,6 +16,7 @@ use stonecut_io::ply::raw::{RawFile, Spool};
 use stonecut_io::ply::{FaceSchema, OutputHeader, TexturedTriangle};
 use stonecut_io::{ExternalSort, MeshSink, OutputFormat, OutputKind, halves};
 use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::scatter::hash;
 use stonecut_system::error::{Error, Result};
 pub use tile::Rounding;
 use tile::Tile;

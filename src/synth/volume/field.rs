@@ -8,7 +8,8 @@
 //!
 //! Source: Gudbjartsson & Patz 1995 for the noise (docs/references.md).
 
-use super::super::noise::{add_noise3_row, hash};
+use super::super::noise::add_noise3_row;
+use stonecut_mesh::scatter::hash;
 
 /// Value of tissue; the level is half of it. A scale on which whole numbers make a tenth of all triangles degenerate,
 /// as in a real MRI.
