@@ -3,7 +3,6 @@
 //! The colours are viridis, even in lightness to every kind of eye; the comments of the file give the scale.
 //! Measures nothing itself.
 
-use super::load;
 use super::tree::Tree;
 use super::unit::Unit;
 use std::path::Path;
@@ -21,16 +20,6 @@ use stonecut_system::progress::Progress;
 /// The share of vertices that the scale covers; the few beyond it have the colour of its end.
 const COVERED: f64 = 0.999;
 
-/// The distance at the upper end of the scale, in input units; 0 if all distances are 0.
-pub fn scale(distances: &[f64]) -> f64 {
-    let mut finite: Vec<f64> = distances.iter().copied().filter(|d| d.is_finite()).collect();
-    if finite.is_empty() {
-        return 0.0;
-    }
-    let at = ((finite.len() as f64 * COVERED) as usize).min(finite.len() - 1);
-    *finite.select_nth_unstable_by(at, f64::total_cmp).1
-}
-
 /// Writes `mesh`'s geometry with the colours of `distances`, one entry a vertex.
 pub fn write(
     mesh: &MeshSource,
@@ -39,24 +28,8 @@ pub fn write(
     threads: usize,
     progress: &Progress,
 ) -> Result<()> {
-    let top = scale(distances);
-    let geometry = load::load(mesh, threads, progress)?.mesh;
-    let n_faces = geometry.triangles.len() as u64;
-    let header = header(mesh, n_faces, top);
-    let schema = header.schema.clone();
-    let mut writer = PlyWriter::create(to.place(&Disk::default()), header)?;
-    let mut records = Vec::new();
-    for (positions, distances) in geometry.positions.chunks(65_536).zip(distances.chunks(65_536)) {
-        records.clear();
-        for (&position, &distance) in positions.iter().zip(distances) {
-            schema.encode_position(position, &mut records);
-            records.extend(colour(distance, top));
-        }
-        writer.write_vertices(&records)?;
-    }
-    writer.write_faces_u32(&geometry.triangles)?;
-    writer.finish()?;
-    Ok(())
+    let bytes = distances.iter().flat_map(|distance| distance.to_le_bytes()).collect();
+    paint(mesh, &RawFile::from_bytes("", bytes), to, (threads, progress), |_| ())
 }
 
 /// Writes `mesh`, of any size, coloured by the distance of its vertices to the surface in `target`.
@@ -70,11 +43,6 @@ pub fn write_streamed(
     threads: usize,
     progress: &Progress,
 ) -> Result<()> {
-    #[derive(Default)]
-    struct Measured {
-        block: VertexBlock,
-        distances: Vec<u8>,
-    }
     progress.begin("heatmap", 1, 1, 2 * mesh.n_triangles());
     let (schema, n_blocks) = (mesh.schema(), mesh.n_vertex_blocks());
     let record_bytes = schema.record_bytes();
@@ -93,13 +61,32 @@ pub fn write_streamed(
     };
     in_order(n_blocks, threads, progress, measure, |_, found| spool.write(&found.distances))?;
     let spool = spool.finish(mesh.path())?;
-    let top = scale_of_spool(&spool)?;
+    paint(mesh, &spool, to, (threads, progress), |n_faces| progress.add(n_faces))
+}
 
+/// Vertices with their distances, or with colours in place of properties.
+#[derive(Default)]
+struct Measured {
+    block: VertexBlock,
+    distances: Vec<u8>,
+}
+
+/// Writes `mesh` with the colours of the distances of its vertices, 8 bytes each. Calls `add` twice with the number of
+/// every block of faces.
+fn paint(
+    mesh: &MeshSource,
+    distances: &RawFile,
+    to: &Seen,
+    (threads, progress): (usize, &Progress),
+    add: impl Fn(u64),
+) -> Result<()> {
+    let schema = mesh.schema();
+    let top = scale_of(distances)?;
     let mut n_faces = 0;
     let read = |index, out: &mut FaceBlock| mesh.read_faces(index, out);
     in_order(mesh.n_face_blocks(), threads, progress, read, |_, block| {
         n_faces += block.triangles.len() as u64;
-        progress.add(block.triangles.len() as u64);
+        add(block.triangles.len() as u64);
         Ok(())
     })?;
     let header = header(mesh, n_faces, top);
@@ -107,9 +94,9 @@ pub fn write_streamed(
     let mut writer = PlyWriter::create(to.place(&Disk::default()), header)?;
     let paint = |index, out: &mut Measured| {
         mesh.read_vertices(index, &mut out.block)?;
-        let records = out.block.records.chunks_exact(record_bytes);
+        let records = out.block.records.chunks_exact(schema.record_bytes());
         out.distances.resize(8 * records.len(), 0);
-        spool.read_exact_at(&mut out.distances, 8 * out.block.first)?;
+        distances.read_exact_at(&mut out.distances, 8 * out.block.first)?;
         let mut coloured = Vec::with_capacity(records.len() * painted.record_bytes());
         for (record, distance) in records.zip(out.distances.chunks_exact(8)) {
             painted.encode_position(schema.position(record), &mut coloured);
@@ -118,11 +105,11 @@ pub fn write_streamed(
         out.block.records = coloured;
         Ok(())
     };
-    in_order(n_blocks, threads, progress, paint, |_, out| {
+    in_order(mesh.n_vertex_blocks(), threads, progress, paint, |_, out| {
         writer.write_vertices(&out.block.records)
     })?;
     in_order(mesh.n_face_blocks(), threads, progress, read, |_, block| {
-        progress.add(block.triangles.len() as u64);
+        add(block.triangles.len() as u64);
         writer.write_faces(&block.triangles)
     })?;
     writer.finish()?;
@@ -133,8 +120,9 @@ fn to_f64(bytes: &[u8]) -> f64 {
     f64::from_le_bytes(bytes.try_into().expect("8 bytes"))
 }
 
-/// Finds the result of `scale` for the distances in a spool, which are not negative: 16 bits of the answer a pass.
-fn scale_of_spool(spool: &RawFile) -> Result<f64> {
+/// The distance at the upper end of the scale, in input units; 0 if all distances are 0. None is negative: 16 bits of the answer
+/// a pass.
+fn scale_of(spool: &RawFile) -> Result<f64> {
     let (mut known, mut rank) = (0u64, 0);
     for pass in 0..4 {
         let shift = 48 - 16 * pass;
@@ -195,11 +183,8 @@ mod tests {
         assert_eq!(colour(0.0, 2.0), [68, 1, 84]);
         assert_eq!(colour(2.0, 2.0), colour(f64::INFINITY, 2.0));
         assert_eq!(colour(5.0, 0.0), [68, 1, 84]);
-        let mut distances = vec![1.0; 10_000];
-        distances[77] = 1e6;
-        assert_eq!(scale(&distances), 1.0);
-        assert_eq!(scale(&[]), 0.0);
     }
+
     #[test]
     fn a_spool_has_the_scale_of_its_values() {
         let folder = std::env::temp_dir();
@@ -211,7 +196,11 @@ mod tests {
             let mut spool = Spool::new(&folder);
             values.iter().for_each(|value| spool.write(&value.to_le_bytes()).unwrap());
             let spool = spool.finish(Path::new("spool")).unwrap();
-            assert_eq!(scale_of_spool(&spool).unwrap(), scale(&values), "{n} values");
+            values.retain(|value| value.is_finite());
+            values.sort_by(f64::total_cmp);
+            let at = ((values.len() as f64 * COVERED) as usize).min(values.len().saturating_sub(1));
+            let expected = values.get(at).copied().unwrap_or(0.0);
+            assert_eq!(scale_of(&spool).unwrap(), expected, "{n} values");
         }
     }
 }
