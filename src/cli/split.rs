@@ -234,24 +234,18 @@ impl LabelFiles<'_> {
         let mut sink = MeshSink::create(place, header, self.how.format)?;
         used.write_vertices(source, false, &mut sink, || self.progress.check())?;
         let corners = corners.finish(self.how.temp_dir)?;
-        let mut buffer = vec![0; CHUNK * FACE_BYTES];
-        let mut at = 0;
-        while at < corners.len() {
+        corners.each_piece(0..corners.len(), CHUNK * FACE_BYTES, |bytes| {
             self.progress.check()?;
-            let n = corners.read_at_most(&mut buffer, at)?;
-            if n == 0 {
-                return Err(corners.bad("temporary data was cut off during the run"));
-            }
-            at += n as u64;
             let number =
                 |bytes: &[u8]| bytes.iter().rev().fold(0, |v, byte| v << 8 | u64::from(*byte));
-            let faces = buffer[..n].chunks_exact(FACE_BYTES);
+            let faces = bytes.chunks_exact(FACE_BYTES);
             let faces: Vec<[u64; 3]> = faces
                 .map(|face| [0, 4, 8].map(|at| used.new_id(number(&face[at..at + 4]))))
                 .collect();
             sink.write_faces(&faces)?;
             self.progress.add(faces.len() as u64);
-        }
+            Ok(())
+        })?;
         self.done.losses.merge(&sink.losses());
         file.bytes = sink.finish()?;
         self.done.n_vertices += file.vertices;

@@ -10,6 +10,7 @@ use super::restaged::{RowLayout, corner, each_row};
 use crate::ply::MeshSource;
 use crate::ply::lookup::Lookup;
 use crate::ply::raw::{RawFile, Spool};
+use crate::records::NumberRecords;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::property::Scalar;
 use stonecut_mesh::record::VertexSchema;
@@ -50,10 +51,10 @@ impl BorderSpools {
 
     /// Appends the borders of a part, whose vertices and faces come behind all others.
     pub fn append(&mut self, part: &OpenBorders, first_vertex: u64, first_row: u64) -> Result<()> {
-        each_record(&part.vertices, |[v, x, y, z]| {
+        NumberRecords::new(&part.vertices)?.each(|[v, x, y, z]| {
             self.vertices.write(bytemuck::bytes_of(&[v + first_vertex, x, y, z]))
         })?;
-        each_record(&part.edges, |[ends, row]| {
+        NumberRecords::new(&part.edges)?.each(|[ends, row]| {
             let both = first_vertex << 32 | first_vertex;
             self.edges.write(bytemuck::bytes_of(&[ends + both, row + first_row]))
         })
@@ -129,7 +130,7 @@ impl OpenBorders {
         mut each: impl FnMut(u64, Vec3) -> Result<()>,
     ) -> Result<()> {
         let is_float = source.schema().coordinate == Scalar::F32;
-        each_record(&self.vertices, |[v, x, y, z]| {
+        NumberRecords::new(&self.vertices)?.each(|[v, x, y, z]| {
             let place = source.placed_point([x, y, z].map(f64::from_bits));
             each(v, if is_float { place.map(|x| f64::from(x as f32)) } else { place })
         })
@@ -137,7 +138,7 @@ impl OpenBorders {
 
     /// Calls `each` with every open edge; part by part.
     pub fn each_edge(&self, mut each: impl FnMut(OpenEdge) -> Result<()>) -> Result<()> {
-        each_record(&self.edges, |[ends, row]| {
+        NumberRecords::new(&self.edges)?.each(|[ends, row]| {
             let ends = [ends >> 32, ends & u64::from(u32::MAX)];
             each(OpenEdge { ends, row })
         })
@@ -177,26 +178,6 @@ fn each_side(row: &[u8], mut each: impl FnMut([u64; 2]) -> Result<()>) -> Result
         let to = u64::from(corner(row, i));
         each([from, to])?;
         from = to;
-    }
-    Ok(())
-}
-
-/// Calls `each` with the records of a file in turn.
-fn each_record<const N: usize>(
-    file: &RawFile,
-    mut each: impl FnMut([u64; N]) -> Result<()>,
-) -> Result<()> {
-    let mut buffer = [[0u64; N]; 1 << 10];
-    let n_bytes = 8 * N as u64;
-    let (mut at, n) = (0, file.len() / n_bytes);
-    while at < n {
-        let n_now = (n - at).min(buffer.len() as u64) as usize;
-        file.read_exact_at(
-            bytemuck::cast_slice_mut(buffer[..n_now].as_flattened_mut()),
-            at * n_bytes,
-        )?;
-        buffer[..n_now].iter().try_for_each(|record| each(*record))?;
-        at += n_now as u64;
     }
     Ok(())
 }

@@ -59,6 +59,7 @@ pub use obj::ObjWriter;
 pub use obj::{find_texture, find3};
 pub use open_options::{Lock, StageOptions, Weld, WeldOptions};
 pub use output_format::{OutputFormat, OutputKind};
+pub use records::NumberRecords;
 pub use rounding::check_range;
 pub use sink::MeshSink;
 pub use stl::StlWriter;

@@ -182,15 +182,13 @@ impl NpyArray {
         let row_bytes = self.row_bytes();
         let strip_rows = (memory_bytes / row_bytes).clamp(1, n_rows.max(1));
         let mut out = Spool::new(folder).within(memory_bytes);
-        let (mut rows, mut columns) = (Vec::new(), Vec::new());
-        for first in (0..n_rows).step_by(strip_rows as usize) {
+        let mut columns = Vec::new();
+        let range = self.start..self.start + n_rows * row_bytes;
+        self.file.each_piece(range, (strip_rows * row_bytes) as usize, |rows| {
             progress.check()?;
-            let n = strip_rows.min(n_rows - first);
-            rows.resize((n * row_bytes) as usize, 0);
-            self.file.read_exact_at(&mut rows, self.start + first * row_bytes)?;
-            transpose(&rows, n_columns as usize, self.element.bytes, &mut columns);
-            out.write(&columns)?;
-        }
+            transpose(rows, n_columns as usize, self.element.bytes, &mut columns);
+            out.write(&columns)
+        })?;
         let file = out.finish(self.file.path())?;
         Ok(NpyArray { file, start: 0, strip_rows, ..self })
     }

@@ -9,6 +9,7 @@ use super::external_sort::{halves, whole};
 use super::open_options::StageOptions;
 use crate::ply::header::Encoding;
 use crate::ply::raw::Spool;
+use crate::ply::row_window::RowWindow;
 use crate::ply::source::Staged;
 use crate::ply::{BLOCK_ROWS, Faults, MeshSource, VertexBlock};
 use stonecut_mesh::face_properties::{FaceMixer, FacePropertyPlan, Regions};
@@ -138,17 +139,12 @@ fn split<const N: usize>(
     out.append_file(&vertices)?;
     drop(vertices);
     let counts = counts.finish(&path)?;
-    let (mut sizes, mut next_face, mut left) = (Vec::<u32>::new(), 0u64, 0u32);
+    let (mut sizes, mut next_face, mut left) = (RowWindow::new(counts, 4), 0u64, 0u32);
     let mut row = Vec::new();
     let mut begin = |row: &mut Vec<u8>, left: &mut u32| -> Result<()> {
         // Faces without corners are separate rows.
         while *left == 0 && next_face < n_faces {
-            let at = (next_face % COUNTS) as usize;
-            if at == 0 {
-                sizes.resize((n_faces - next_face).min(COUNTS) as usize, 0);
-                counts.read_exact_at(bytemuck::cast_slice_mut(&mut sizes), 4 * next_face)?;
-            }
-            *left = sizes[at];
+            *left = u32::from_le_bytes(sizes.get(next_face)?.try_into().expect("4 bytes"));
             match has_large {
                 true => row.extend_from_slice(&left.to_le_bytes()),
                 false => row.push(*left as u8),
@@ -196,9 +192,6 @@ fn staged_schema(own: &VertexSchema, carry: &FacePropertyPlan) -> VertexSchema {
     }
     schema
 }
-
-/// Counts of corners that are read at once.
-const COUNTS: u64 = 1 << 16;
 
 /// Writes the new vertices, in the order of the old ones.
 struct Vertices<'a> {

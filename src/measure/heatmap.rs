@@ -127,19 +127,16 @@ fn scale_of(spool: &RawFile) -> Result<f64> {
     for pass in 0..4 {
         let shift = 48 - 16 * pass;
         let mut counts = vec![0u64; 1 << 16];
-        let mut bytes = vec![0; 1 << 20];
-        let mut at = 0;
-        while at < spool.len() {
-            let n = spool.read_at_most(&mut bytes, at)?;
-            at += n as u64;
-            for value in bytes[..n].chunks_exact(8).map(to_f64).filter(|value| value.is_finite()) {
+        spool.each_piece(0..spool.len(), 1 << 20, |bytes| {
+            for value in bytes.chunks_exact(8).map(to_f64).filter(|value| value.is_finite()) {
                 let bits = value.to_bits();
                 // In the first pass nothing is known, and all 64 bits are shifted out.
                 if bits.checked_shr(shift + 16).unwrap_or(0) == known {
                     counts[(bits >> shift) as usize & 0xffff] += 1;
                 }
             }
-        }
+            Ok(())
+        })?;
         if pass == 0 {
             let n: u64 = counts.iter().sum();
             if n == 0 {

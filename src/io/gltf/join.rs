@@ -11,6 +11,7 @@ use crate::external_sort::{ExternalSort, halves, whole};
 use crate::names::OBJECT;
 use crate::open_options::StageOptions;
 use crate::ply::raw::{RawFile, Spool};
+use crate::ply::row_window::RowWindow;
 use stonecut_mesh::property::Scalar;
 use stonecut_system::error::Result;
 
@@ -223,14 +224,15 @@ impl<'a> Joiner<'a> {
 
         let mut by_corner = options.sort::<6>(memory_bytes(options));
         let (mut next, mut id, mut uv) = (0, 0, [0; 2]);
-        let mut ahead = tables.each_ref().map(|table| Words { table, at: 0, words: Vec::new() });
+        let [mut ids, mut uvs] = tables.each_ref().map(|table| RowWindow::new(table, 8));
+        let word = |row: &[u8]| u64::from_le_bytes(row.try_into().expect("8 bytes"));
         self.by_vertex.drain(|[high, low, c, d]| {
             // Corners come by vertex, and name only vertices that are there.
             let number = whole(high, low);
             debug_assert!(number < n_old, "checked by the reader");
             while next <= number {
-                id = ahead[0].next()?;
-                let bits = ahead[1].next()?;
+                id = word(ids.get(next)?);
+                let bits = word(uvs.get(next)?);
                 uv = [bits as u32, (bits >> 32) as u32];
                 next += 1;
             }
@@ -250,21 +252,18 @@ impl<'a> Joiner<'a> {
 
 /// Rows of faces, put together corner by corner.
 struct Faces<'a> {
-    labels: &'a RawFile,
+    labels: RowWindow<&'a RawFile>,
     has: FaceParts,
-    label_bytes: usize,
     is_wide: bool,
     row: Vec<u8>,
     texture: Vec<u8>,
     face: u64,
-    /// Labels that are at hand.
-    numbers: Vec<u8>,
 }
 
 impl<'a> Faces<'a> {
     fn new(labels: &'a RawFile, (has, label_bytes): (FaceParts, usize), is_wide: bool) -> Self {
-        let (row, texture, numbers) = (vec![3u8], Vec::new(), vec![0u8; 1 << 16]);
-        Faces { labels, has, label_bytes, is_wide, row, texture, face: 0, numbers }
+        let labels = RowWindow::new(labels, label_bytes);
+        Faces { labels, has, is_wide, row: vec![3u8], texture: Vec::new(), face: 0 }
     }
 
     /// Takes a corner: its vertex, and the bits of its texture coordinates; writes the face with its last one.
@@ -281,14 +280,8 @@ impl<'a> Faces<'a> {
             self.row.push(6);
             self.row.extend_from_slice(&self.texture);
         }
-        let place = self.label_bytes as u64 * self.face;
-        let at = (place % self.numbers.len() as u64) as usize;
-        if at == 0 {
-            let n = self.labels.read_at_most(&mut self.numbers, place)?;
-            debug_assert!(n >= self.label_bytes, "labels for every face");
-        }
-        let from = if self.has.numbers { at } else { at + 4 };
-        self.row.extend_from_slice(&self.numbers[from..at + self.label_bytes]);
+        let labels = self.labels.get(self.face)?;
+        self.row.extend_from_slice(if self.has.numbers { labels } else { &labels[4..] });
         out.write(&self.row)?;
         self.row.truncate(1);
         self.texture.clear();
@@ -299,26 +292,6 @@ impl<'a> Faces<'a> {
 
 fn memory_bytes(options: &StageOptions) -> usize {
     (options.memory_bytes / 3) as usize
-}
-
-/// Numbers of 8 bytes, read in order.
-struct Words<'a> {
-    table: &'a RawFile,
-    at: u64,
-    words: Vec<u64>,
-}
-
-impl Words<'_> {
-    fn next(&mut self) -> Result<u64> {
-        if self.words.is_empty() {
-            let mut bytes = vec![0; 1 << 16];
-            let n = self.table.read_at_most(&mut bytes, self.at)?;
-            self.at += n as u64;
-            let words = bytes[..n].as_chunks::<8>().0.iter().rev();
-            self.words.extend(words.map(|&word| u64::from_le_bytes(word)));
-        }
-        self.words.pop().ok_or_else(|| self.table.bad("temporary data was cut off during the run"))
-    }
 }
 
 impl Open {

@@ -8,12 +8,10 @@ use super::document::Primitive;
 use crate::by_material::LabelOf;
 use crate::external_sort::{ExternalSort, halves};
 use crate::ply::raw::{RawFile, Spool};
+use crate::ply::row_window::RowWindow;
 use crate::ply::{OutputHeader, TexturedTriangle};
 use std::path::{Path, PathBuf};
 use stonecut_system::error::Result;
-
-/// Rows of vertices that are read at once.
-const BLOCK_ROWS: u64 = 16_384;
 
 /// Corners on their way to vertices.
 ///
@@ -80,7 +78,7 @@ impl Split {
         has_own_texture: bool,
         row: impl Fn(&[u8], &mut Vec<u8>) -> [f64; 3],
     ) -> Result<Parts> {
-        let mut rows = Rows { file: spooled, row_bytes, first: 0, loaded: Vec::new() };
+        let mut rows = RowWindow::new(spooled, row_bytes);
         let mut vertices = Spool::new(&self.folder);
         let mut indices = ExternalSort::<4>::new(&self.folder, self.memory_bytes);
         let mut primitives: Vec<Primitive> = Vec::new();
@@ -137,27 +135,4 @@ impl Split {
 fn packed(tangent: [i16; 4]) -> [u32; 2] {
     let [a, b, c, d] = tangent.map(i16::to_le_bytes);
     [[a, b], [c, d]].map(|[a, b]| u32::from_le_bytes([a[0], a[1], b[0], b[1]]))
-}
-
-/// Rows of a file, mostly asked for in order.
-struct Rows<'a> {
-    file: &'a RawFile,
-    row_bytes: usize,
-    /// The first row at hand.
-    first: u64,
-    loaded: Vec<u8>,
-}
-
-impl Rows<'_> {
-    fn get(&mut self, number: u64) -> Result<&[u8]> {
-        let bytes = self.row_bytes as u64;
-        if number < self.first || number >= self.first + self.loaded.len() as u64 / bytes {
-            self.first = number;
-            let n = (self.file.len() - number * bytes).min(BLOCK_ROWS * bytes) as usize;
-            self.loaded.resize(n, 0);
-            self.file.read_exact_at(&mut self.loaded, number * bytes)?;
-        }
-        let at = ((number - self.first) * bytes) as usize;
-        Ok(&self.loaded[at..at + self.row_bytes])
-    }
 }

@@ -327,20 +327,14 @@ impl GlbWriter {
         let whole = Primitive { label, n_vertices, n_corners, low: [0.0; 3], high };
         self.begin(&[whole])?;
         let row_bytes = self.spooled_bytes();
-        let mut chunk = vec![0; row_bytes * 16_384];
-        let mut at = 0;
         let mut rows = Vec::new();
-        while at < file.len() {
-            let n = (file.len() - at).min(chunk.len() as u64) as usize;
-            file.read_exact_at(&mut chunk[..n], at)?;
-            at += n as u64;
+        file.each_piece(0..file.len(), row_bytes * 16_384, |bytes| {
             rows.clear();
-            for row in chunk[..n].chunks_exact(row_bytes) {
+            for row in bytes.chunks_exact(row_bytes) {
                 self.row(scale, row, &mut rows);
             }
-            self.out.write(&rows)?;
-        }
-        Ok(())
+            self.out.write(&rows)
+        })
     }
 
     /// Writes a file of several primitives, with its images.
@@ -351,14 +345,9 @@ impl GlbWriter {
         let has_own_texture = self.texture.is_some() || self.layout.texture_at.is_none();
         let parts = split.finish(&self.label_of, (&file, row_bytes), has_own_texture, row)?;
         let images = self.begin(&parts.primitives)?;
-        let mut buffer = vec![0; 1 << 20];
-        let mut at = 0;
-        while at < parts.vertices.len() {
-            let n = (parts.vertices.len() - at).min(buffer.len() as u64) as usize;
-            parts.vertices.read_exact_at(&mut buffer[..n], at)?;
-            self.out.write(&buffer[..n])?;
-            at += n as u64;
-        }
+        parts
+            .vertices
+            .each_piece(0..parts.vertices.len(), 1 << 20, |bytes| self.out.write(bytes))?;
         parts.indices.drain(|[_, _, _, number]| self.out.write(&number.to_le_bytes()))?;
         let (Some(plan), Some(images)) = (&self.header.textures, images) else { return Ok(()) };
         for &(image, n_bytes) in images.embedded() {

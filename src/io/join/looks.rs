@@ -81,13 +81,9 @@ impl Looks {
 /// Length and checksum of a part of a file.
 pub(super) fn content(file: &RawFile, offset: u64, n_bytes: u64) -> Result<(u64, u64)> {
     let mut hasher = Xxh3::new();
-    let mut buffer = vec![0; 1 << 18];
-    let mut at = 0;
-    while at < n_bytes {
-        let n = (n_bytes - at).min(buffer.len() as u64) as usize;
-        file.read_exact_at(&mut buffer[..n], offset + at)?;
-        hasher.update(&buffer[..n]);
-        at += n as u64;
-    }
+    file.each_piece(offset..offset + n_bytes, 1 << 18, |bytes| {
+        hasher.update(bytes);
+        Ok(())
+    })?;
     Ok((n_bytes, hasher.digest()))
 }

@@ -395,18 +395,12 @@ impl Gathered {
         let n_bytes = own.record_bytes();
         let wide = VertexSchema { coordinate: to, properties: Vec::new() };
         let mut row = Vec::new();
-        let mut buffer = vec![0; (WINDOW / n_bytes).max(1) * n_bytes];
         let end = at + rows.n_vertices * n_bytes as u64;
-        let mut at = at;
-        while at < end {
-            let n = (end - at).min(buffer.len() as u64) as usize;
-            from.read_exact_at(&mut buffer[..n], at)?;
-            at += n as u64;
+        from.each_piece(at..end, (WINDOW / n_bytes).max(1) * n_bytes, |bytes| {
             if conversion.is_none() && own.coordinate == to {
-                out.write(&buffer[..n])?;
-                continue;
+                return out.write(bytes);
             }
-            for record in buffer[..n].chunks_exact(n_bytes) {
+            for record in bytes.chunks_exact(n_bytes) {
                 row.clear();
                 wide.encode_position(own.position(record), &mut row);
                 let values = &record[own.position_bytes()..];
@@ -416,8 +410,8 @@ impl Gathered {
                 }
                 out.write(&row)?;
             }
-        }
-        Ok(())
+            Ok(())
+        })
     }
 
     /// Writes the faces of a part.

@@ -18,7 +18,7 @@ const TAIL_BYTES: u64 = 1 << 10;
 const MAX_SIDE: usize = 32_768;
 
 /// Bytes that are copied at once.
-const COPY_BYTES: u64 = 1 << 20;
+const COPY_BYTES: usize = 1 << 20;
 
 /// Kinds of images that are not read: place and bytes of their mark, and name.
 const OTHERS: [(usize, &[u8], &str); 11] = [
@@ -193,7 +193,7 @@ pub fn image_size(bytes: &[u8]) -> Result<[u32; 2], String> {
 }
 
 /// Hands the bytes of an image to `each`, a MiB at a time; returns their number.
-pub fn copy_bytes(data: &ImageData, mut each: impl FnMut(&[u8]) -> Result<()>) -> Result<u64> {
+pub fn copy_bytes(data: &ImageData, each: impl FnMut(&[u8]) -> Result<()>) -> Result<u64> {
     let opened;
     let (file, offset, n_bytes) = match data {
         ImageData::Inside(part) => (&*part.file, part.offset, part.n_bytes),
@@ -202,14 +202,7 @@ pub fn copy_bytes(data: &ImageData, mut each: impl FnMut(&[u8]) -> Result<()>) -
             (&opened, 0, opened.len())
         }
     };
-    let mut buffer = vec![0; n_bytes.min(COPY_BYTES) as usize];
-    let mut at = 0;
-    while at < n_bytes {
-        let n = (n_bytes - at).min(COPY_BYTES) as usize;
-        file.read_exact_at(&mut buffer[..n], offset + at)?;
-        each(&buffer[..n])?;
-        at += n as u64;
-    }
+    file.each_piece(offset..offset + n_bytes, COPY_BYTES, each)?;
     Ok(n_bytes)
 }
 

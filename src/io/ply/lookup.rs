@@ -17,10 +17,8 @@ type Decode<'a> = Box<dyn Fn(&[u8]) -> [f64; 3] + 'a>;
 /// Random access to positions: places of their rows, and how a row is read.
 pub struct Lookup<'a> {
     file: &'a RawFile,
-    offset: u64,
-    row_bytes: u64,
+    rows: PagedRows,
     decode: Decode<'a>,
-    pages: Vec<(u64, Vec<u8>)>,
 }
 
 impl<'a> Lookup<'a> {
@@ -31,29 +29,47 @@ impl<'a> Lookup<'a> {
         row_bytes: u64,
         decode: impl Fn(&[u8]) -> [f64; 3] + 'a,
     ) -> Self {
-        Lookup { file, offset, row_bytes, decode: Box::new(decode), pages: Vec::new() }
+        Lookup { file, rows: PagedRows::new(offset, row_bytes, PAGES), decode: Box::new(decode) }
     }
 
     /// The position of a vertex that exists.
     pub fn position(&mut self, vertex: u64) -> Result<[f64; 3]> {
+        Ok((self.decode)(self.rows.get(self.file, vertex)?))
+    }
+}
+
+/// Rows of one size from `offset` of a file on, of which some pages are in memory: each has one place.
+pub(crate) struct PagedRows {
+    offset: u64,
+    row_bytes: u64,
+    n_pages: usize,
+    pages: Vec<(u64, Vec<u8>)>,
+}
+
+impl PagedRows {
+    pub fn new(offset: u64, row_bytes: u64, n_pages: usize) -> PagedRows {
+        PagedRows { offset, row_bytes, n_pages, pages: Vec::new() }
+    }
+
+    /// A row that is there.
+    #[inline]
+    pub fn get(&mut self, file: &RawFile, row: u64) -> Result<&[u8]> {
         let rows = (PAGE_BYTES / self.row_bytes).max(1);
-        let page = vertex / rows;
+        let page = row / rows;
         if self.pages.is_empty() {
-            self.pages.resize_with(PAGES, || (u64::MAX, Vec::new()));
+            self.pages.resize_with(self.n_pages, || (u64::MAX, Vec::new()));
         }
-        let (kept, bytes) = &mut self.pages[(page % PAGES as u64) as usize];
+        let (kept, bytes) = &mut self.pages[(page % self.n_pages as u64) as usize];
         if *kept != page {
             // A page that failed to load must not be taken for a loaded one.
             *kept = u64::MAX;
             bytes.resize((rows * self.row_bytes) as usize, 0);
-            let n = self.file.read_at_most(bytes, self.offset + page * rows * self.row_bytes)?;
+            let n = file.read_at_most(bytes, self.offset + page * rows * self.row_bytes)?;
             bytes.truncate(n);
             *kept = page;
         }
-        let at = ((vertex % rows) * self.row_bytes) as usize;
-        match bytes.get(at..at + self.row_bytes as usize) {
-            Some(row) => Ok((self.decode)(row)),
-            None => Err(self.file.bad("the file was shortened during the run")),
-        }
+        let at = ((row % rows) * self.row_bytes) as usize;
+        let row = bytes.get(at..at + self.row_bytes as usize);
+        row.ok_or_else(|| file.bad("the file was shortened during the run"))
     }
 }

@@ -22,6 +22,7 @@ mod placed;
 mod range_grid;
 pub mod raw;
 mod reports;
+pub mod row_window;
 pub mod rows;
 pub mod scan;
 mod skipped;

@@ -4,6 +4,7 @@
 //! holds sizes against `len` before it allocates.
 
 use std::fs::File;
+use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use stonecut_system::disk::{Disk, open_input, scratch_file};
@@ -68,7 +69,7 @@ impl RawFile {
     }
 
     /// The same file from a byte on, as if it was all there is: a mesh inside of another file.
-    pub fn part(self, bytes: std::ops::Range<u64>) -> Result<Self> {
+    pub fn part(self, bytes: Range<u64>) -> Result<Self> {
         if bytes.start > bytes.end || bytes.end > self.len {
             let (from, to, len) = (bytes.start, bytes.end, self.len);
             return Err(
@@ -131,6 +132,22 @@ impl RawFile {
                  was changed during the run",
                 offset.saturating_add(n as u64)
             )));
+        }
+        Ok(())
+    }
+
+    /// Calls `each` with the bytes of a range in turn, `n_bytes` at a time, fewer at the end.
+    pub fn each_piece(
+        &self,
+        Range { start, end }: Range<u64>,
+        n_bytes: usize,
+        mut each: impl FnMut(&[u8]) -> Result<()>,
+    ) -> Result<()> {
+        let mut buffer = vec![0; (end - start).min(n_bytes as u64) as usize];
+        for at in (start..end).step_by(n_bytes) {
+            let piece = &mut buffer[..(end - at).min(n_bytes as u64) as usize];
+            self.read_exact_at(piece, at)?;
+            each(piece)?;
         }
         Ok(())
     }
@@ -252,17 +269,7 @@ impl Spool {
         if let Data::Memory(bytes) = &from.data {
             return self.write(bytes);
         }
-        let mut buffer = vec![0; 1 << 20];
-        let mut at = 0;
-        while at < from.len() {
-            let n = from.read_at_most(&mut buffer, at)?;
-            if n == 0 {
-                return Err(from.bad("temporary data was cut off during the run"));
-            }
-            self.write(&buffer[..n])?;
-            at += n as u64;
-        }
-        Ok(())
+        from.each_piece(0..from.len(), 1 << 20, |bytes| self.write(bytes))
     }
 
     fn spill(&mut self) -> Result<()> {

@@ -78,18 +78,13 @@ fn each_triangle(
     triangles: &RawFile,
     mut each: impl FnMut([[f64; 3]; 3]) -> Result<()>,
 ) -> Result<()> {
-    let mut buffer = vec![0; 10_000 * TRIANGLE_BYTES];
-    let mut at = 0;
-    while at < triangles.len() {
-        let n = triangles.read_at_most(&mut buffer, at)?;
-        for bytes in buffer[..n].chunks_exact(TRIANGLE_BYTES) {
+    triangles.each_piece(0..triangles.len(), 10_000 * TRIANGLE_BYTES, |bytes| {
+        bytes.chunks_exact(TRIANGLE_BYTES).try_for_each(|bytes| {
             let value =
                 |i: usize| f64::from_le_bytes(bytes[8 * i..8 * i + 8].try_into().expect("8 bytes"));
-            each([0, 3, 6].map(|i| [value(i), value(i + 1), value(i + 2)]))?;
-        }
-        at += n as u64;
-    }
-    Ok(())
+            each([0, 3, 6].map(|i| [value(i), value(i + 1), value(i + 2)]))
+        })
+    })
 }
 
 /// Reads an ASCII STL into a PLY; several one behind the other are one.

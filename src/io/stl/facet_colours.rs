@@ -89,13 +89,11 @@ impl FacetColours {
         }
         self.fill(self.n_facets)?;
         let words = self.words.finish(file.path())?;
-        let (mut buffer, mut at) = (vec![0; 1 << 16], 0);
         let mut left = self.parts.iter().map(|part| (part.n_facets, part));
         let mut current = left.next();
-        while at < words.len() {
-            let n = words.read_at_most(&mut buffer, at)?;
-            let mut colours = Vec::with_capacity(n / 2 * 3);
-            for word in buffer[..n].chunks_exact(2) {
+        words.each_piece(0..words.len(), 1 << 16, |bytes| {
+            let mut colours = Vec::with_capacity(bytes.len() / 2 * 3);
+            for word in bytes.chunks_exact(2) {
                 while let Some((0, _)) = current {
                     current = left.next();
                 }
@@ -103,9 +101,8 @@ impl FacetColours {
                 *left_of_part -= 1;
                 colours.extend(part.colour(u16::from_le_bytes([word[0], word[1]])));
             }
-            out.write(&colours)?;
-            at += n as u64;
-        }
+            out.write(&colours)
+        })?;
         let n_white: u64 = self.parts.iter().map(Part::n_white).sum();
         let loss = Loss::new(LossKind::Colors, "facets without colour", "others have one: white");
         Ok((Some(out), (n_white > 0).then(|| loss.count(n_white))))

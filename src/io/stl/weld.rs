@@ -8,6 +8,7 @@ use crate::external_sort::{ExternalSort, halves, whole};
 use crate::open_options::StageOptions;
 use crate::ply::header::Encoding;
 use crate::ply::raw::{RawFile, Spool};
+use crate::ply::row_window::RowWindow;
 use crate::ply::{FaceSchema, OutputHeader};
 use std::path::Path;
 use stonecut_mesh::property::{Property, Scalar};
@@ -19,9 +20,6 @@ pub(super) const FLOATS: usize = 5;
 pub(super) const FLOATS_BY_FIRST: usize = 7;
 pub(super) const DOUBLES: usize = 8;
 pub(super) const DOUBLES_BY_FIRST: usize = 10;
-
-/// Bytes of colours that are read at once: whole triangles.
-const COLOUR_CHUNK_BYTES: u64 = 3 << 14;
 
 /// Takes loose triangles, gives a PLY. `N` and `M` are the words above.
 pub struct Welder<const N: usize, const M: usize> {
@@ -116,24 +114,18 @@ impl<const N: usize, const M: usize> Welder<N, M> {
         })?;
 
         let colours = colours.map(|spool| spool.finish(name)).transpose()?;
-        let (mut row, mut filled) = (vec![3u8; 13], 0);
+        let mut colours = colours.map(|file| RowWindow::new(file, 3));
+        let (mut row, mut filled, mut face) = (vec![3u8; 13], 0, 0);
         row.resize(if colours.is_some() { 16 } else { 13 }, 0);
-        let (mut chunk, mut next, mut read) = (Vec::new(), 0, 0);
         by_corner.drain(|[_, _, _, id]| {
             row[1 + 4 * filled..5 + 4 * filled].copy_from_slice(&id.to_le_bytes());
             filled += 1;
             if filled == 3 {
                 filled = 0;
-                if let Some(colours) = &colours {
-                    if next == chunk.len() {
-                        let left = (colours.len() - read).min(COLOUR_CHUNK_BYTES);
-                        chunk.resize(left as usize, 0);
-                        colours.read_exact_at(&mut chunk, read)?;
-                        (next, read) = (0, read + left);
-                    }
-                    row[13..].copy_from_slice(&chunk[next..next + 3]);
-                    next += 3;
+                if let Some(colours) = &mut colours {
+                    row[13..].copy_from_slice(colours.get(face)?);
                 }
+                face += 1;
                 out.write(&row)?;
             }
             Ok(())

@@ -1,17 +1,16 @@
 //! Vertices that are joined with none, copied as they are, and the new numbers of all.
 
+use crate::ply::lookup::PagedRows;
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::{BLOCK_ROWS, MeshSource, VertexBlock};
+use crate::records::NumberRecords;
 use stonecut_system::error::Result;
 
 /// Vertices that are not joined.
 pub(super) struct Rest<'a> {
     source: &'a MeshSource,
-    /// Numbers of those that are, and how many of them are passed.
-    joined: RawFile,
-    n_passed: u64,
-    window: Vec<u64>,
-    window_at: Option<u64>,
+    /// Numbers of those that are.
+    joined: NumberRecords<1>,
     block: VertexBlock,
     loaded: Option<u64>,
     /// The first that is not copied yet.
@@ -19,28 +18,17 @@ pub(super) struct Rest<'a> {
 }
 
 impl<'a> Rest<'a> {
-    pub fn new(source: &'a MeshSource, joined: RawFile) -> Rest<'a> {
-        let (window, block) = (Vec::new(), VertexBlock::default());
-        Rest { source, joined, n_passed: 0, window, window_at: None, block, loaded: None, next: 0 }
+    pub fn new(source: &'a MeshSource, joined: RawFile) -> Result<Rest<'a>> {
+        let (joined, block) = (NumberRecords::new(joined)?, VertexBlock::default());
+        Ok(Rest { source, joined, block, loaded: None, next: 0 })
     }
 
     /// The first joined vertex from `next` on.
     fn next_joined(&mut self) -> Result<Option<u64>> {
-        const AT_ONCE: u64 = 1 << 14;
-        let n = self.joined.len() / 8;
-        while self.n_passed < n {
-            let start = self.n_passed / AT_ONCE * AT_ONCE;
-            if self.window_at.replace(start) != Some(start) {
-                self.window.resize((n - start).min(AT_ONCE) as usize, 0);
-                self.joined.read_exact_at(bytemuck::cast_slice_mut(&mut self.window), 8 * start)?;
-            }
-            let v = self.window[(self.n_passed - start) as usize];
-            if v >= self.next {
-                return Ok(Some(v));
-            }
-            self.n_passed += 1;
+        while self.joined.next().is_some_and(|[v]| v < self.next) {
+            self.joined.pass()?;
         }
-        Ok(None)
+        Ok(self.joined.next().map(|[v]| v))
     }
 
     /// Copies those up to a vertex; returns how many.
@@ -71,16 +59,15 @@ impl<'a> Rest<'a> {
 /// New numbers of vertices, some pages of which are in memory.
 pub(super) struct Numbers {
     file: RawFile,
-    pages: Vec<(u64, Vec<u32>)>,
+    rows: PagedRows,
 }
 
 impl Numbers {
-    /// Pages kept, and numbers of each: 4 MiB in all.
-    const PAGES: u64 = 1024;
-    const ROWS: u64 = 1024;
+    /// Pages kept: 4 MiB in all.
+    const PAGES: usize = 1024;
 
     pub fn new(file: RawFile) -> Numbers {
-        Numbers { file, pages: vec![(u64::MAX, Vec::new()); Self::PAGES as usize] }
+        Numbers { file, rows: PagedRows::new(0, 4, Self::PAGES) }
     }
 
     /// The numbers as they were given.
@@ -90,17 +77,7 @@ impl Numbers {
 
     #[inline]
     pub fn get(&mut self, v: u64) -> Result<u32> {
-        let page = v / Self::ROWS;
-        let (kept, rows) = &mut self.pages[(page % Self::PAGES) as usize];
-        if *kept != page {
-            // A page that failed to load must not be taken for a loaded one.
-            *kept = u64::MAX;
-            let at = 4 * page * Self::ROWS;
-            let n = (self.file.len() - at).min(4 * Self::ROWS) as usize;
-            rows.resize(n / 4, 0);
-            self.file.read_exact_at(bytemuck::cast_slice_mut(rows), at)?;
-            *kept = page;
-        }
-        Ok(rows[(v % Self::ROWS) as usize])
+        let row = self.rows.get(&self.file, v)?;
+        Ok(u32::from_le_bytes(row.try_into().expect("4 bytes")))
     }
 }

@@ -272,7 +272,7 @@ fn vertices<const N: usize>(
     options: &StageOptions,
 ) -> Result<Made> {
     let mut mixer = Mixer::new(source, how, options.spool());
-    let mut rest = Rest::new(source, joined);
+    let mut rest = Rest::new(source, joined)?;
     let mut by_vertex = options.sort::<4>(memory_bytes);
     let (mut n_vertices, mut last) = (0u64, None);
     let has_bits = source.n_vertices() / 8 <= memory_bytes as u64;

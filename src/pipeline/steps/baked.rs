@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::io::materials::all_missing;
 use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 use crate::io::ply::raw::RawFile;
+use crate::io::ply::row_window::RowWindow;
 use crate::io::ply::{Encoding, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle};
 use crate::io::{
     MeshSink, NUMBER, NameUse, OutputFormat, OutputKind, StageOptions, TexturePlan, TextureRequest,
@@ -158,9 +159,9 @@ impl SimplifyRun<'_> {
             sink.write_vertices(&bytes.copied().collect::<Vec<u8>>())
         })?;
         let n_rows = shape.n_face_rows();
-        let mut corners = Records::<{ Corner::BYTES }>::open(&baked.corners, n_rows)?;
+        let mut corners = records(&baked.corners, n_rows, Corner::BYTES)?;
         let mut tangents = match &baked.tangents {
-            Some(path) => Some(Records::<TANGENT_BYTES>::open(path, n_rows)?),
+            Some(path) => Some(records(path, n_rows, TANGENT_BYTES)?),
             None => None,
         };
         let (mut faces, mut values) = (Vec::new(), Vec::new());
@@ -172,7 +173,7 @@ impl SimplifyRun<'_> {
                 faces.clear();
                 values.clear();
             }
-            let corner = Corner::read(corners.get(row)?);
+            let corner = Corner::read(corners.get(row)?.try_into().expect("a whole record"));
             let tangents = match &mut tangents {
                 Some(tangents) => tangents_of(tangents.get(row)?),
                 None => [[0; 4]; 3],
@@ -220,34 +221,16 @@ fn written_properties(
     (out, kept)
 }
 
-/// Records of `N` bytes in a file, one a triangle, read in order.
-struct Records<const N: usize> {
-    file: RawFile,
-    n_rows: u64,
-    first: u64,
-    bytes: Vec<u8>,
+/// Records of `n_bytes` in a file, one a triangle.
+fn records(path: &Path, n_rows: u64, n_bytes: usize) -> Result<RowWindow> {
+    let file = RawFile::open(path)?;
+    if file.len() != n_rows * n_bytes as u64 {
+        return Err(Error::corrupt(path, "has another length; run again with --restart"));
+    }
+    Ok(RowWindow::new(file, n_bytes))
 }
 
-impl<const N: usize> Records<N> {
-    fn open(path: &Path, n_rows: u64) -> Result<Self> {
-        let file = RawFile::open(path)?;
-        if file.len() != n_rows * N as u64 {
-            return Err(Error::corrupt(path, "has another length; run again with --restart"));
-        }
-        Ok(Records { file, n_rows, first: 0, bytes: Vec::new() })
-    }
-
-    fn get(&mut self, row: u64) -> Result<&[u8; N]> {
-        if row < self.first || row >= self.first + (self.bytes.len() / N) as u64 {
-            self.first = row;
-            self.bytes.resize((self.n_rows - row).min(CHUNK as u64) as usize * N, 0);
-            self.file.read_exact_at(&mut self.bytes, row * N as u64)?;
-        }
-        Ok(&self.bytes.as_chunks().0[(row - self.first) as usize])
-    }
-}
-
-fn tangents_of(bytes: &[u8; TANGENT_BYTES]) -> [[i16; 4]; 3] {
+fn tangents_of(bytes: &[u8]) -> [[i16; 4]; 3] {
     let number = |i: usize| i16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]);
     [0, 4, 8].map(|i| [number(i), number(i + 1), number(i + 2), number(i + 3)])
 }

@@ -7,6 +7,7 @@
 use super::join::sort_memory_bytes;
 use super::numbering::{index_vertices, own_vertices};
 use std::collections::HashMap;
+use stonecut_io::NumberRecords;
 use stonecut_io::ply::raw::{RawFile, Spool};
 use stonecut_io::ply::{BLOCK_ROWS, MeshSource, Place, VertexBlock};
 use stonecut_io::{ExternalSort, halves, npy, whole};
@@ -19,9 +20,6 @@ use stonecut_system::pending_file::PendingFile;
 
 /// File in the job folder that the map is in until the result is written.
 pub const MAP: &str = "result.map";
-
-/// Bytes of a row of a table: an id and a number.
-const ROW: usize = 16;
 
 /// Rows that are read at a time.
 const ROWS_AT_ONCE: usize = 1 << 12;
@@ -207,13 +205,13 @@ impl MapTables<'_> {
 
     /// The table one step farther back: `by_target` has vertices by what became of them, and `known` the numbers of these.
     fn behind(&self, known: &RawFile, by_target: ExternalSort<4>) -> Result<RawFile> {
-        let (mut by_id, mut rows) = (self.sort(), TableRows::new(known));
+        let (mut by_id, mut rows) = (self.sort(), NumberRecords::<2, _>::new(known)?);
         by_target.drain(|[t0, t1, f0, f1]| {
             let target = whole(t0, t1);
-            while rows.peek()?.is_some_and(|[id, _]| id < target) {
-                rows.next += 1;
+            while rows.next().is_some_and(|[id, _]| id < target) {
+                rows.pass()?;
             }
-            match rows.peek()? {
+            match rows.next() {
                 Some([id, number]) if id == target => push(&mut by_id, whole(f0, f1), number),
                 _ => Ok(()),
             }
@@ -222,56 +220,18 @@ impl MapTables<'_> {
     }
 }
 
-/// Rows of a table, one after the other.
-struct TableRows<'a> {
-    file: &'a RawFile,
-    buffer: Vec<[[u8; 8]; 2]>,
-    /// The first row in the buffer, and the one at hand.
-    first: u64,
-    next: u64,
-}
-
-impl<'a> TableRows<'a> {
-    fn new(file: &'a RawFile) -> TableRows<'a> {
-        TableRows { file, buffer: Vec::new(), first: 0, next: 0 }
-    }
-
-    /// The row at hand.
-    fn peek(&mut self) -> Result<Option<[u64; 2]>> {
-        if self.next >= self.first + self.buffer.len() as u64 {
-            let left = self.file.len() / ROW as u64 - self.next;
-            self.first = self.next;
-            self.buffer.resize((left as usize).min(ROWS_AT_ONCE), [[0; 8]; 2]);
-            let bytes = self.buffer.as_flattened_mut().as_flattened_mut();
-            self.file.read_exact_at(bytes, self.first * ROW as u64)?;
-        }
-        let row = self.buffer.get((self.next - self.first) as usize);
-        Ok(row.map(|row| row.map(u64::from_le_bytes)))
-    }
-}
-
 /// Calls `each` with all rows of a table.
 fn each_row(table: &RawFile, mut each: impl FnMut(u64, u64) -> Result<()>) -> Result<()> {
-    let mut rows = TableRows::new(table);
-    while let Some([id, number]) = rows.peek()? {
-        rows.next += 1;
-        each(id, number)?;
-    }
-    Ok(())
+    NumberRecords::new(table)?.each(|[id, number]| each(id, number))
 }
 
 /// Calls `each` with all vertices before copies were joined, and their numbers afterwards.
 fn each_number(numbers: &RawFile, mut each: impl FnMut(u64, u64) -> Result<()>) -> Result<()> {
-    let mut buffer = vec![[0; 4]; ROWS_AT_ONCE];
-    let n = numbers.len() / 4;
-    for start in (0..n).step_by(ROWS_AT_ONCE) {
-        let rows = &mut buffer[..((n - start) as usize).min(ROWS_AT_ONCE)];
-        numbers.read_exact_at(rows.as_flattened_mut(), 4 * start)?;
-        for (from, &to) in (start..).zip(rows.iter()) {
-            each(from, u64::from(u32::from_le_bytes(to)))?;
-        }
-    }
-    Ok(())
+    let mut from = 0..;
+    numbers.each_piece(0..numbers.len(), 4 * ROWS_AT_ONCE, |bytes| {
+        let rows = bytes.as_chunks().0.iter().zip(&mut from);
+        rows.into_iter().try_for_each(|(&to, from)| each(from, u64::from(u32::from_le_bytes(to))))
+    })
 }
 
 /// Some vertices of the result, each with the nearest of those that became it.
@@ -283,14 +243,14 @@ struct NearestOrigins {
 
 impl NearestOrigins {
     fn new(positions: &RawFile, range: std::ops::Range<u64>) -> Result<NearestOrigins> {
-        let (mut rows, mut buffer) = (Vec::new(), vec![[[0; 8]; 3]; ROWS_AT_ONCE]);
+        let mut rows = Vec::new();
         rows.reserve_exact((range.end - range.start) as usize);
-        for start in range.clone().step_by(ROWS_AT_ONCE) {
-            let places = &mut buffer[..((range.end - start) as usize).min(ROWS_AT_ONCE)];
-            positions.read_exact_at(places.as_flattened_mut().as_flattened_mut(), 24 * start)?;
+        positions.each_piece(24 * range.start..24 * range.end, 24 * ROWS_AT_ONCE, |bytes| {
+            let places = bytes.as_chunks::<8>().0.as_chunks::<3>().0.iter();
             let place = |at: &[[u8; 8]; 3]| (at.map(f64::from_le_bytes), f64::INFINITY, NONE);
-            rows.extend(places.iter().map(place));
-        }
+            rows.extend(places.map(place));
+            Ok(())
+        })?;
         Ok(NearestOrigins { start: range.start, rows })
     }
 

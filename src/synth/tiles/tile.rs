@@ -4,6 +4,7 @@ use super::boxes::Boxes;
 use crate::noise::hash2;
 use stonecut_io::ply::TexturedTriangle;
 use stonecut_io::ply::raw::RawFile;
+use stonecut_io::ply::row_window::RowWindow;
 use stonecut_mesh::property::{Scalar, read_scalar, write_scalar};
 use stonecut_mesh::record::VertexSchema;
 use stonecut_system::error::Result;
@@ -66,9 +67,6 @@ pub(super) struct Tile {
 /// Chooses the edges that are split.
 const SEED: u64 = 77;
 
-/// Bytes that are read at a time for vertices that lie close together in the file.
-const WINDOW: usize = 1 << 16;
-
 impl Tile {
     /// Gives the tile its own vertices, numbered in the order of the whole mesh.
     pub(super) fn gather(&mut self, vertices: &RawFile, row_bytes: usize) -> Result<()> {
@@ -81,16 +79,9 @@ impl Tile {
                 face.corners.map(|id| self.ids.partition_point(|&other| other < id) as u64);
         }
         self.records.clear();
-        let mut window = vec![0; WINDOW / row_bytes * row_bytes];
-        let (mut from, mut to) = (0, 0);
+        let mut rows = RowWindow::new(vertices, row_bytes);
         for id in &self.ids {
-            let at = id * row_bytes as u64;
-            if !(from..to).contains(&at) {
-                let n = vertices.read_at_most(&mut window, at)?;
-                (from, to) = (at, at + n as u64);
-            }
-            let at = (at - from) as usize;
-            self.records.extend_from_slice(&window[at..at + row_bytes]);
+            self.records.extend_from_slice(rows.get(*id)?);
         }
         Ok(())
     }
