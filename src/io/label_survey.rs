@@ -3,7 +3,7 @@
 //!
 //! Looks at some of the triangles; nothing is read where vertices have neither labels nor such floats. Changes nothing but the schema.
 
-use crate::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
+use crate::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock, VertexRecords};
 use stonecut_mesh::patches::{PatchCount, WholeValues};
 use stonecut_mesh::property::read_scalar;
 use stonecut_mesh::record::VertexSchema;
@@ -39,13 +39,9 @@ pub fn survey_labels(source: &mut MeshSource, labels: &[String]) -> Result<()> {
     ids.dedup();
     let record_bytes = schema.record_bytes();
     let mut records = Vec::with_capacity(ids.len() * record_bytes);
-    for of_block in ids.chunk_by(|a, b| a / BLOCK_ROWS == b / BLOCK_ROWS) {
-        let index = of_block[0] / BLOCK_ROWS;
-        source.read_vertices(index, &mut block)?;
-        for id in of_block {
-            let at = (id % BLOCK_ROWS) as usize * record_bytes;
-            records.extend_from_slice(&block.records[at..at + record_bytes]);
-        }
+    let mut of_source = VertexRecords::new(source);
+    for id in &ids {
+        records.extend_from_slice(of_source.get(*id)?);
     }
     let rows: Vec<[usize; 3]> =
         triangles.iter().map(|t| t.map(|v| ids.partition_point(|id| *id < v))).collect();

@@ -11,7 +11,7 @@ use crate::ply::header::Encoding;
 use crate::ply::raw::Spool;
 use crate::ply::row_window::RowWindow;
 use crate::ply::source::Staged;
-use crate::ply::{BLOCK_ROWS, Faults, MeshSource, VertexBlock};
+use crate::ply::{Faults, MeshSource, VertexRecords};
 use stonecut_mesh::face_properties::{FaceMixer, FacePropertyPlan, Regions};
 use stonecut_mesh::property::Property;
 use stonecut_mesh::record::VertexSchema;
@@ -94,12 +94,10 @@ fn split<const N: usize>(
     })?;
 
     let mut writer = Vertices {
-        source: &source,
+        records: VertexRecords::new(&source),
         carry: &carry,
         mixer: FaceMixer::new(&carry),
         out: options.spool(),
-        block: VertexBlock::default(),
-        loaded: None,
         row: Vec::new(),
     };
     let mut by_corner = options.sort::<4>(memory_bytes);
@@ -195,13 +193,11 @@ fn staged_schema(own: &VertexSchema, carry: &FacePropertyPlan) -> VertexSchema {
 
 /// Writes the new vertices, in the order of the old ones.
 struct Vertices<'a> {
-    source: &'a MeshSource,
+    records: VertexRecords<'a>,
     carry: &'a FacePropertyPlan,
     /// Holds the values of the faces of the vertex to come.
     mixer: FaceMixer,
     out: Spool,
-    block: VertexBlock,
-    loaded: Option<u64>,
     row: Vec<u8>,
 }
 
@@ -209,15 +205,8 @@ impl Vertices<'_> {
     /// Takes the old vertex, and the coordinates and the region that part it from others.
     fn put(&mut self, [high, low, s, t, region]: [u32; 5]) -> Result<()> {
         let v = whole(high, low);
-        let index = v / BLOCK_ROWS;
-        if self.loaded != Some(index) {
-            self.source.read_vertices(index, &mut self.block)?;
-            self.loaded = Some(index);
-        }
-        let record_bytes = self.source.schema().record_bytes();
-        let at = (v % BLOCK_ROWS) as usize * record_bytes;
         self.row.clear();
-        self.row.extend_from_slice(&self.block.records[at..at + record_bytes]);
+        self.row.extend_from_slice(self.records.get(v)?);
         self.mixer.end(&mut self.row);
         let texture = [s, t].into_iter().filter(|_| self.carry.texture);
         let region = Some(region).filter(|_| self.carry.has_regions());

@@ -1,7 +1,7 @@
 //! A source as a whole in memory, and the records of the vertices that a result keeps something of.
 
 use std::collections::BTreeMap;
-use stonecut_io::ply::MeshSource;
+use stonecut_io::ply::{MeshSource, VertexRecords};
 use stonecut_measure::load::{Loaded, load_with};
 use stonecut_mesh::codec::VertexCodec;
 use stonecut_mesh::duplicate_triangles::drop_repeats;
@@ -62,14 +62,15 @@ pub(super) fn records_of(
     let record_bytes = source.schema().record_bytes();
     let mut wanted: Vec<(u32, u32)> = vertices.iter().copied().zip(0..).collect();
     wanted.sort_unstable();
-    let mut next = wanted.into_iter().peekable();
     let mut records = vec![0; record_bytes * vertices.len()];
-    for_records(source, progress, |vertex, record| {
-        while let Some((_, number)) = next.next_if(|(wanted, _)| u64::from(*wanted) == vertex) {
-            let at = number as usize * record_bytes;
-            records[at..at + record_bytes].copy_from_slice(record);
+    let mut of_source = VertexRecords::new(source);
+    for (vertex, number) in wanted {
+        if !of_source.has(u64::from(vertex)) {
+            progress.check()?;
         }
-    })?;
+        let at = number as usize * record_bytes;
+        records[at..at + record_bytes].copy_from_slice(of_source.get(u64::from(vertex))?);
+    }
     Ok(records)
 }
 

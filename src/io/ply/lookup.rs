@@ -42,33 +42,37 @@ impl<'a> Lookup<'a> {
 pub(crate) struct PagedRows {
     offset: u64,
     row_bytes: u64,
+    /// Rows of a page.
+    n_rows: u64,
     n_pages: usize,
     pages: Vec<(u64, Vec<u8>)>,
 }
 
 impl PagedRows {
+    /// Keeps `n_pages`, a power of two.
     pub fn new(offset: u64, row_bytes: u64, n_pages: usize) -> PagedRows {
-        PagedRows { offset, row_bytes, n_pages, pages: Vec::new() }
+        let n_rows = (PAGE_BYTES / row_bytes).max(1);
+        PagedRows { offset, row_bytes, n_rows, n_pages, pages: Vec::new() }
     }
 
     /// A row that is there.
     #[inline]
     pub fn get(&mut self, file: &RawFile, row: u64) -> Result<&[u8]> {
-        let rows = (PAGE_BYTES / self.row_bytes).max(1);
-        let page = row / rows;
+        let (page, row) = (row / self.n_rows, row % self.n_rows);
         if self.pages.is_empty() {
             self.pages.resize_with(self.n_pages, || (u64::MAX, Vec::new()));
         }
-        let (kept, bytes) = &mut self.pages[(page % self.n_pages as u64) as usize];
+        let (kept, bytes) = &mut self.pages[page as usize & (self.n_pages - 1)];
         if *kept != page {
             // A page that failed to load must not be taken for a loaded one.
             *kept = u64::MAX;
-            bytes.resize((rows * self.row_bytes) as usize, 0);
-            let n = file.read_at_most(bytes, self.offset + page * rows * self.row_bytes)?;
+            let page_bytes = self.n_rows * self.row_bytes;
+            bytes.resize(page_bytes as usize, 0);
+            let n = file.read_at_most(bytes, self.offset + page * page_bytes)?;
             bytes.truncate(n);
             *kept = page;
         }
-        let at = ((row % rows) * self.row_bytes) as usize;
+        let at = (row * self.row_bytes) as usize;
         let row = bytes.get(at..at + self.row_bytes as usize);
         row.ok_or_else(|| file.bad("the file was shortened during the run"))
     }

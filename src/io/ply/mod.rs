@@ -30,6 +30,7 @@ pub mod source;
 mod strips;
 mod textures;
 mod vertex_blocks;
+mod vertex_records;
 pub mod writer;
 
 pub use full_faces::{FaceLook, FaceLooks, FullFace};
@@ -38,6 +39,7 @@ pub use reports::{PartReport, WeldReport};
 pub use source::LockedBy;
 pub use source::{Faults, MeshSource, ReadOptions, TextureInfo};
 pub use stonecut_system::pending_file::Place;
+pub use vertex_records::VertexRecords;
 pub use writer::type_name;
 pub use writer::{FaceSchema, OutputHeader, PlyFormat, PlyWriter, TexturedTriangle};
 

@@ -2,25 +2,23 @@
 
 use crate::ply::lookup::PagedRows;
 use crate::ply::raw::{RawFile, Spool};
-use crate::ply::{BLOCK_ROWS, MeshSource, VertexBlock};
+use crate::ply::{BLOCK_ROWS, MeshSource, VertexRecords};
 use crate::records::NumberRecords;
 use stonecut_system::error::Result;
 
 /// Vertices that are not joined.
 pub(super) struct Rest<'a> {
-    source: &'a MeshSource,
+    records: VertexRecords<'a>,
     /// Numbers of those that are.
     joined: NumberRecords<1>,
-    block: VertexBlock,
-    loaded: Option<u64>,
     /// The first that is not copied yet.
     pub next: u64,
 }
 
 impl<'a> Rest<'a> {
     pub fn new(source: &'a MeshSource, joined: RawFile) -> Result<Rest<'a>> {
-        let (joined, block) = (NumberRecords::new(joined)?, VertexBlock::default());
-        Ok(Rest { source, joined, block, loaded: None, next: 0 })
+        let (records, joined) = (VertexRecords::new(source), NumberRecords::new(joined)?);
+        Ok(Rest { records, joined, next: 0 })
     }
 
     /// The first joined vertex from `next` on.
@@ -33,7 +31,7 @@ impl<'a> Rest<'a> {
 
     /// Copies those up to a vertex; returns how many.
     pub fn copy_up_to(&mut self, end: u64, out: &mut Spool) -> Result<u64> {
-        let n_bytes = self.source.schema().record_bytes();
+        let n_bytes = self.records.source().schema().record_bytes();
         let mut n = 0;
         while self.next < end {
             let joined = self.next_joined()?;
@@ -41,15 +39,11 @@ impl<'a> Rest<'a> {
                 self.next += 1;
                 continue;
             }
-            let index = self.next / BLOCK_ROWS;
-            if self.loaded.replace(index) != Some(index) {
-                self.source.read_vertices(index, &mut self.block)?;
-            }
-            let stop = joined.unwrap_or(end).min(end).min((index + 1) * BLOCK_ROWS);
-            let from = (self.next - index * BLOCK_ROWS) as usize * n_bytes;
-            let to = (stop - index * BLOCK_ROWS) as usize * n_bytes;
-            out.write(&self.block.records[from..to])?;
-            n += stop - self.next;
+            let end_of_block = (self.next / BLOCK_ROWS + 1) * BLOCK_ROWS;
+            let stop = joined.unwrap_or(end).min(end).min(end_of_block);
+            let n_now = stop - self.next;
+            out.write(&self.records.from(self.next)?[..n_now as usize * n_bytes])?;
+            n += n_now;
             self.next = stop;
         }
         Ok(n)

@@ -10,7 +10,7 @@ use crate::borders::OpenBorders;
 use crate::external_sort::{halves, whole};
 use crate::open_options::StageOptions;
 use crate::ply::raw::RawFile;
-use crate::ply::{BLOCK_ROWS, MeshSource, VertexBlock};
+use crate::ply::{MeshSource, VertexRecords};
 use crate::records::NumberRecords;
 use std::collections::BTreeSet;
 use stonecut_mesh::bounds::Bounds;
@@ -113,7 +113,7 @@ fn joined(
     let mut neighbours =
         Neighbours::new(sort, &found.bounds, found.distance).of_parts(ends.clone());
     let mut next = 0;
-    let mut inside = InsideOthers { source, regions, ends, part: 0, block: VertexBlock::default() };
+    let mut inside = InsideOthers { records: VertexRecords::new(source), regions, ends, part: 0 };
     borders.each_vertex(source, |v, place| {
         inside.push(next..v, &mut neighbours)?;
         next = v + 1;
@@ -132,12 +132,11 @@ fn joined(
 
 /// Vertices of parts that lie in some regions.
 struct InsideOthers<'a> {
-    source: &'a MeshSource,
+    records: VertexRecords<'a>,
     /// Of each part; empty if there are none at all.
     regions: &'a [Vec<Bounds>],
     ends: Vec<u64>,
     part: usize,
-    block: VertexBlock,
 }
 
 impl InsideOthers<'_> {
@@ -152,13 +151,7 @@ impl InsideOthers<'_> {
                 v = self.ends[self.part];
                 continue;
             }
-            if self.block.records.is_empty() || self.block.first != v / BLOCK_ROWS * BLOCK_ROWS {
-                self.source.read_vertices(v / BLOCK_ROWS, &mut self.block)?;
-            }
-            let schema = self.source.schema();
-            let bytes = schema.record_bytes();
-            let at = (v - self.block.first) as usize * bytes;
-            let place = schema.position(&self.block.records[at..at + bytes]);
+            let place = self.records.position(v)?;
             if self.regions[self.part].iter().any(|region| holds(region, place)) {
                 neighbours.push(v | INSIDE, place)?;
             }

@@ -15,7 +15,7 @@ use crate::external_sort::{ExternalSort, halves, whole};
 use crate::open_edges::each_open;
 use crate::open_options::{StageOptions, Weld, WeldOptions};
 use crate::ply::raw::{RawFile, Spool};
-use crate::ply::{BLOCK_ROWS, MeshSource, OutputHeader, VertexBlock, WeldReport};
+use crate::ply::{MeshSource, OutputHeader, VertexRecords, WeldReport};
 use crate::restaged::{face_rows_with, restage};
 use stonecut_mesh::codec::{ChannelKind, VertexCodec};
 use stonecut_mesh::vec3::Vec3;
@@ -158,17 +158,8 @@ fn pairs(
         })?;
         done?;
     } else {
-        let (mut block, mut loaded) = (VertexBlock::default(), None);
-        each_open(source, memory_bytes, |v| {
-            let index = v / BLOCK_ROWS;
-            if loaded != Some(index) {
-                source.read_vertices(index, &mut block)?;
-                loaded = Some(index);
-            }
-            let record_bytes = source.schema().record_bytes();
-            let at = (v % BLOCK_ROWS) as usize * record_bytes;
-            neighbours.push(v, source.schema().position(&block.records[at..at + record_bytes]))
-        })?;
+        let mut records = VertexRecords::new(source);
+        each_open(source, memory_bytes, |v| neighbours.push(v, records.position(v)?))?;
     }
     neighbours.pairs(options.sort(memory_bytes), |_| Ok(()))
 }
@@ -182,12 +173,10 @@ fn by_first<const N: usize>(
     options: &StageOptions,
 ) -> Result<(ExternalSort<N>, RawFile, u64)> {
     let mut vertices = Vertices {
-        source,
+        records: VertexRecords::new(source),
         codec: source.schema().kernel_codec(&how.labels),
         texture: Vec::new(),
         channels: Vec::new(),
-        block: VertexBlock::default(),
-        loaded: None,
         sort: options.sort::<N>(memory_bytes),
     };
     let kinds = vertices.codec.channel_kinds(source.schema());
@@ -212,25 +201,18 @@ fn by_first<const N: usize>(
 
 /// Sends vertices on in the order of their numbers.
 struct Vertices<'a, const N: usize> {
-    source: &'a MeshSource,
+    records: VertexRecords<'a>,
     codec: VertexCodec,
     /// Channels of texture coordinates.
     texture: Vec<usize>,
     channels: Vec<f32>,
-    block: VertexBlock,
-    loaded: Option<u64>,
     sort: ExternalSort<N>,
 }
 
 impl<const N: usize> Vertices<'_, N> {
     fn put(&mut self, v: u64, first: [u32; 2], place: [u32; 6]) -> Result<()> {
-        let index = v / BLOCK_ROWS;
-        if self.loaded.replace(index) != Some(index) {
-            self.source.read_vertices(index, &mut self.block)?;
-        }
-        let schema = self.source.schema();
-        let bytes = schema.record_bytes();
-        let record = &self.block.records[(v % BLOCK_ROWS) as usize * bytes..][..bytes];
+        let schema = self.records.source().schema();
+        let record = self.records.get(v)?;
         let mut row = [0; N];
         [row[0], row[1]] = first;
         if !self.texture.is_empty() {

@@ -9,7 +9,7 @@ use super::numbering::{index_vertices, own_vertices};
 use std::collections::HashMap;
 use stonecut_io::NumberRecords;
 use stonecut_io::ply::raw::{RawFile, Spool};
-use stonecut_io::ply::{BLOCK_ROWS, MeshSource, Place, VertexBlock};
+use stonecut_io::ply::{MeshSource, Place, VertexRecords};
 use stonecut_io::{ExternalSort, halves, npy, whole};
 use stonecut_mesh::vec3::{Vec3, length_sq, sub};
 use stonecut_store::cell_id::CellId;
@@ -278,8 +278,7 @@ impl NearestOrigins {
         source: &MeshSource,
         run: &StageContext,
     ) -> Result<()> {
-        let (mut block, mut loaded) = (VertexBlock::default(), None);
-        let bytes = source.schema().record_bytes();
+        let mut records = VertexRecords::new(source);
         each_row(table, |vertex, number| {
             let own = [number];
             let looked_for = match around {
@@ -288,13 +287,10 @@ impl NearestOrigins {
             };
             for &number in looked_for {
                 let Some((place, least, nearest)) = self.row(number) else { continue };
-                let index = vertex / BLOCK_ROWS;
-                if loaded.replace(index) != Some(index) {
+                if !records.has(vertex) {
                     run.progress.check()?;
-                    source.read_vertices(index, &mut block)?;
                 }
-                let record = &block.records[(vertex % BLOCK_ROWS) as usize * bytes..][..bytes];
-                let away = length_sq(sub(source.schema().position(record), *place));
+                let away = length_sq(sub(records.position(vertex)?, *place));
                 if away < *least {
                     (*least, *nearest) = (away, vertex as i64);
                 }
