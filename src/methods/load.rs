@@ -38,7 +38,7 @@ pub(super) fn load(source: &MeshSource, progress: &Progress) -> Result<LoadedMes
     Ok(LoadedMesh { positions, triangles, faults })
 }
 
-/// What all vertices carry, one after another.
+/// Channels of all vertices, one after another.
 pub(super) fn load_channels(
     source: &MeshSource,
     codec: &VertexCodec,

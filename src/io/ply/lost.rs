@@ -1,10 +1,29 @@
-//! Parts of a PLY file that the mesh does not have, and parts that are given up when it is opened.
+//! Parts of a PLY file that the mesh does not have, and parts that are given up when it is opened; the
+//! header that keeps the rest.
 
 use super::source::MeshSource;
+use super::textures::is_of_materials;
+use super::writer::OutputHeader;
 use crate::names::{Name, NameTable, NameUse, OBJECT, is_name};
+use stonecut_mesh::record::VertexSchema;
 use stonecut_system::losses::{Ledger, Loss, LossKind};
 
 impl MeshSource {
+    /// Comments without those that name materials, which `materials` has.
+    pub fn plain_comments(&self) -> Vec<String> {
+        let plain = self.comments().iter().filter(|line| !is_of_materials(line));
+        plain.cloned().collect()
+    }
+
+    /// The header of an output that keeps the comments.
+    pub fn kept_header(&self, schema: VertexSchema, n_vertices: u64, n_faces: u64) -> OutputHeader {
+        OutputHeader {
+            comments: self.plain_comments(),
+            obj_infos: self.obj_infos().to_vec(),
+            ..OutputHeader::new(schema, n_vertices, n_faces)
+        }
+    }
+
     /// Leaves names of objects and groups out, if they are given up.
     pub(super) fn give_up_names(&mut self) {
         let NameUse::GivenUp(reason) = self.options.names else { return };

@@ -11,7 +11,6 @@ use super::raw::RawFile;
 use super::reports::{PartReport, WeldReport};
 use super::skipped::BadVertices;
 use super::textures;
-use super::writer::OutputHeader;
 use crate::materials::Materials;
 use crate::names::NameUse;
 use std::collections::BTreeMap;
@@ -266,21 +265,6 @@ impl MeshSource {
     /// The text of the header's `comment` lines, in order.
     pub fn comments(&self) -> &[String] {
         self.placed.as_ref().map_or(&self.header.comments, Placed::comments)
-    }
-
-    /// The same without those that name materials, which `materials` has.
-    pub fn plain_comments(&self) -> Vec<String> {
-        let plain = self.comments().iter().filter(|line| !textures::is_of_materials(line));
-        plain.cloned().collect()
-    }
-
-    /// The header of an output that keeps the comments.
-    pub fn kept_header(&self, schema: VertexSchema, n_vertices: u64, n_faces: u64) -> OutputHeader {
-        OutputHeader {
-            comments: self.plain_comments(),
-            obj_infos: self.obj_infos().to_vec(),
-            ..OutputHeader::new(schema, n_vertices, n_faces)
-        }
     }
 
     /// Materials of the faces, by the number that a face has.

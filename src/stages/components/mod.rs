@@ -13,14 +13,15 @@ mod stars;
 
 pub use sizes::{Below, ComponentSizes, Least, below_list, sizes_in_memory};
 
-use crate::simplify::half_written;
 use found::{FOUND_NAME, Found};
 use join::VERDICTS_NAME;
 use serde::{Deserialize, Serialize};
 use std::sync::Mutex;
 use std::time::Instant;
 use stonecut_store::cell_id::CellId;
-use stonecut_store::cells::{CellStore, PackFile, PackWriter, Pieces, StoreInfo, load_bytes};
+use stonecut_store::cells::{
+    CellStore, PackFile, PackWriter, Pieces, StoreInfo, half_written, load_bytes,
+};
 use stonecut_store::pack_format::ChunkKind;
 use stonecut_store::stage_context::StageContext;
 use stonecut_system::error::Result;

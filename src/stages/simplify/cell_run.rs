@@ -9,9 +9,11 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use stonecut_kernel::{self as kernel, Options, Simplified, Stop};
 use stonecut_store::cell_id::CellId;
-use stonecut_store::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors};
+use stonecut_store::cells::{
+    CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors, half_written,
+};
 use stonecut_store::stage_context::StageContext;
-use stonecut_system::error::{Error, Result};
+use stonecut_system::error::Result;
 use stonecut_system::parallel::{Weighted, largest_first};
 
 /// Part of the store that is synced at a time where sources are given back, so that sources and survivors
@@ -206,11 +208,6 @@ struct Output {
     /// Length of the pack at the last sync.
     synced_bytes: u64,
     synced_at: Instant,
-}
-
-/// A panic within `append` may have left half a chunk: nothing may follow it, and no source be freed for it.
-pub(crate) fn half_written<T>(_: PoisonError<T>) -> Error {
-    Error::Internal("another worker failed while it wrote".to_owned())
 }
 
 impl Output {

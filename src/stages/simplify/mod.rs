@@ -14,7 +14,6 @@ mod memory;
 mod pilot;
 
 pub use batch::{Levels, batches, simplify_batch};
-pub(crate) use cell_run::half_written;
 pub use cell_run::{Beside, CellRun, FREED_AT_A_TIME, Goal, frees_sources};
 pub use exact::{ExactLevels, simplify_cells_exactly, trial};
 pub use ladder::{Thresholds, descend, ladder, pilot_cells, pilot_sample};

@@ -25,7 +25,7 @@ pub use id_map::IdMap;
 pub use kd_tree::{CellTree, TurnedFrame, n_samples, plan_cells};
 pub use lattice::{BoxKey, GroupGrid, Lattice, clamp_below, clamp_to, group_of, parent_of};
 pub use origins::lead_copies;
-pub use pack::{BEHIND_BYTES, Pack, PackFile, PackWriter, check_pack};
+pub use pack::{BEHIND_BYTES, Pack, PackFile, PackWriter, check_pack, half_written};
 pub use pieces::{Extent, PieceSet, Pieces};
 pub use scatter::Scatter;
 pub use simplified_cell::{

@@ -238,6 +238,12 @@ fn locked(file: &Mutex<DiskFile>) -> MutexGuard<'_, DiskFile> {
     file.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// The error of a lock around a pack that is poisoned: a panic within `append` may have left half a chunk. Nothing may follow it,
+/// and no source be freed for it.
+pub fn half_written<T>(_: PoisonError<T>) -> Error {
+    Error::Internal("another worker failed while it wrote".to_owned())
+}
+
 /// A pack opened for reading, or several as if one were appended to the other; safe to share between threads.
 #[derive(Debug)]
 pub struct Pack {
