@@ -2,7 +2,8 @@
 //!
 //! A bound takes nine products, a distance many times as many. Uses neither cells nor trees.
 
-use stonecut_measure::triangle::Vector;
+use stonecut_measure::triangle::{self, Inside, Vector};
+use stonecut_measure::wide::{self, WideJob};
 use stonecut_mesh::vec3::{cross, dot, length_sq, sub};
 
 /// Bounds of distances count up to this share of the lengths that they come from.
@@ -60,7 +61,7 @@ impl Candidate {
     }
 
     /// A lower bound of the squared distance from a point.
-    #[inline]
+    #[inline(always)]
     pub fn bound_sq(&self, point: Vector) -> f64 {
         let from = sub(point, self.corner);
         let height = dot(self.normal, from);
@@ -74,10 +75,92 @@ impl Candidate {
     }
 }
 
+/// Points that are worked on at once.
+pub(super) const LANES: usize = 8;
+
+/// Up to `LANES` points and what is known of their distances from candidates.
+#[derive(Default)]
+pub(super) struct PointGroup {
+    /// Axis by axis.
+    points: [[f64; LANES]; 3],
+    /// For each candidate a lower bound of the squared distance of each point.
+    pub bounds_sq: Vec<[f64; LANES]>,
+    /// For each candidate its nearest places, once they have been found.
+    inside: Vec<Option<Inside<LANES>>>,
+}
+
+impl PointGroup {
+    /// Takes other points, with the bounds of all candidates.
+    pub fn begin(&mut self, candidates: &[Candidate], points: &[(Vector, u32)]) {
+        for (lane, (point, _)) in points.iter().enumerate() {
+            (0..3).for_each(|k| self.points[k][lane] = point[k]);
+        }
+        self.inside.clear();
+        self.inside.resize(candidates.len(), None);
+        self.bounds_sq.clear();
+        let (points, out) = (&self.points, &mut self.bounds_sq);
+        wide::run(AllBounds { candidates, points, out });
+    }
+
+    /// The candidate whose bound for a point is least.
+    pub fn likeliest(&self, lane: usize) -> usize {
+        let bound = |i: usize| self.bounds_sq[i][lane];
+        (1..self.bounds_sq.len())
+            .fold(0, |least, i| if bound(i) < bound(least) { i } else { least })
+    }
+
+    /// The same as `triangle::closest` of a point and candidate `i`, whose corners are given.
+    pub fn closest(&mut self, i: usize, lane: usize, t: &[Vector; 3]) -> (f64, [f64; 3]) {
+        let points = &self.points;
+        let inside = self.inside[i].get_or_insert_with(|| wide::run(AllInside { points, t }));
+        let distance_sq = inside.distance_sq[lane];
+        if distance_sq.is_nan() {
+            return triangle::closest([0, 1, 2].map(|k| points[k][lane]), t);
+        }
+        let [v, w] = [0, 1].map(|k: usize| inside.weights[k][lane]);
+        (distance_sq, [1.0 - v - w, v, w])
+    }
+}
+
+struct AllBounds<'a> {
+    candidates: &'a [Candidate],
+    points: &'a [[f64; LANES]; 3],
+    out: &'a mut Vec<[f64; LANES]>,
+}
+
+impl WideJob for AllBounds<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let [xs, ys, zs] = self.points;
+        for candidate in self.candidates {
+            let mut bounds = [0.0; LANES];
+            for (lane, bound) in bounds.iter_mut().enumerate() {
+                *bound = candidate.bound_sq([xs[lane], ys[lane], zs[lane]]);
+            }
+            self.out.push(bounds);
+        }
+    }
+}
+
+struct AllInside<'a> {
+    points: &'a [[f64; LANES]; 3],
+    t: &'a [Vector; 3],
+}
+
+impl WideJob for AllInside<'_> {
+    type Output = Inside<LANES>;
+
+    #[inline(always)]
+    fn run(self) -> Inside<LANES> {
+        triangle::closest_inside(self.points, self.t)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use stonecut_measure::triangle;
 
     #[test]
     fn bounds_are_below_distances() {

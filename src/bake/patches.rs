@@ -7,7 +7,7 @@
 //! does not exclude. Points whose lists would be too long, or whose cells are not in memory, search the trees (`nearest`).
 //! The answer is bit for bit that of the trees.
 
-use super::candidates::{Candidate, Near, SLACK};
+use super::candidates::{Candidate, LANES, Near, PointGroup, SLACK};
 use super::nearest::{CellCache, Seekers, Subset};
 use super::original::{Cell, Face, Hit, Original};
 use std::ops::Range;
@@ -168,6 +168,7 @@ struct Solver {
     runs: Vec<(u64, Range<usize>)>,
     near: Vec<Near>,
     candidates: Vec<Candidate>,
+    group: PointGroup,
     found: Vec<Nearest>,
 }
 
@@ -365,7 +366,7 @@ impl Solver {
 
     /// Finds the places of points among the candidates.
     fn measure(&mut self, patch: &Patch, points: &[(Vector, u32)]) {
-        let candidates = &self.candidates;
+        let (candidates, group) = (&self.candidates, &mut self.group);
         let Some(first) = candidates.first() else { return };
         let many_cells = candidates.iter().any(|candidate| candidate.cell != first.cell);
         let largest = points
@@ -373,23 +374,26 @@ impl Solver {
             .map_or(0.0, |(at, _)| at.iter().fold(0.0, |most: f64, x| most.max(x.abs())));
         let slack = candidates.iter().fold(0.0, |most: f64, candidate| most.max(candidate.slack))
             + 4.0 * COORDINATE_SLACK * largest;
-        let mut guess = 0;
         let mut seen: Option<(u32, u32, Face)> = None;
-        for &(point, number) in points {
+        for (at, &(point, number)) in points.iter().enumerate() {
+            let lane = at % LANES;
+            if lane == 0 {
+                group.begin(candidates, &points[at..points.len().min(at + LANES)]);
+            }
             let mut best = Nearest::NONE;
-            let (mut of_best, mut weights, mut limit_sq) = (guess, [0.0; 3], f64::INFINITY);
+            let first = group.likeliest(lane);
+            let (mut of_best, mut weights, mut limit_sq) = (first, [0.0; 3], f64::INFINITY);
             // Equally near ones in several cells.
             let mut ties = Vec::new();
-            // The guess first, then those before it and behind it.
+            // The likeliest first, then those before it and behind it.
             for k in 0..candidates.len() {
-                let i = if k == 0 { guess } else { k - usize::from(k <= guess) };
+                let i = if k == 0 { first } else { k - usize::from(k <= first) };
                 let candidate = &candidates[i];
-                if candidate.bound_sq(point) > limit_sq {
+                if k > 0 && group.bounds_sq[i][lane] > limit_sq {
                     continue;
                 }
                 let Some(cell) = &patch.held[candidate.cell as usize] else { continue };
-                let (distance_sq, own) =
-                    triangle::closest(point, cell.tree.corners(candidate.slot));
+                let (distance_sq, own) = group.closest(i, lane, cell.tree.corners(candidate.slot));
                 if many_cells
                     && distance_sq == best.distance_sq
                     && candidate.cell != candidates[of_best].cell
@@ -407,7 +411,6 @@ impl Solver {
                     limit_sq = limit * limit;
                 }
             }
-            guess = of_best;
             let candidate = &candidates[of_best];
             let Some(cell) = &patch.held[candidate.cell as usize] else { continue };
             let face = match seen {

@@ -37,7 +37,7 @@ mod tilted;
 pub mod tree;
 pub mod triangle;
 mod unit;
-mod wide;
+pub mod wide;
 
 pub use carried::Carried;
 pub use certificate::{Beyond, Certificate, Certify, LEAST_TOLERANCE, On, Verdict};

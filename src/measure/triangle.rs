@@ -138,6 +138,47 @@ pub fn closest(point: Vector, t: &[Vector; 3]) -> (f64, [f64; 3]) {
     (height * height / normal_sq, [1.0 - v - w, v, w])
 }
 
+/// Outcome of `closest` for some points, bit for bit, where the nearest point is inside the triangle.
+#[derive(Clone, Copy, Debug)]
+pub struct Inside<const N: usize> {
+    /// Not a number for points whose nearest point is on the border.
+    pub distance_sq: [f64; N],
+    /// Barycentric coordinates of the second and of the third corner.
+    pub weights: [[f64; N]; 2],
+}
+
+/// Finds the nearest points inside a triangle for points given axis by axis; to be inlined where registers are wide.
+#[inline(always)]
+pub fn closest_inside<const N: usize>(points: &[[f64; N]; 3], t: &[Vector; 3]) -> Inside<N> {
+    let (ab, ac) = (sub(t[1], t[0]), sub(t[2], t[0]));
+    let normal = cross(ab, ac);
+    let normal_sq = length_sq(normal);
+    let has_inside = normal_sq > 1e-20 * (length_sq(ab) * length_sq(ac));
+    let mut out = Inside { distance_sq: [f64::NAN; N], weights: [[0.0; N]; 2] };
+    if !has_inside {
+        return out;
+    }
+    for i in 0..N {
+        let point = [points[0][i], points[1][i], points[2][i]];
+        let [ap, bp, cp] = [0, 1, 2].map(|k| sub(point, t[k]));
+        let (d1, d2, d3) = (dot(ab, ap), dot(ac, ap), dot(ab, bp));
+        let (d4, d5, d6) = (dot(ac, bp), dot(ab, cp), dot(ac, cp));
+        let (va, vb, vc) = (d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2);
+        let is_inside = (va > 0.0)
+            & (vb > 0.0)
+            & (vc > 0.0)
+            & ((d1 > 0.0) | (d2 > 0.0))
+            & ((d3 < 0.0) | (d4 > d3))
+            & ((d6 < 0.0) | (d5 > d6));
+        let height = dot(normal, ap);
+        let scale = 1.0 / (va + vb + vc);
+        out.distance_sq[i] = if is_inside { height * height / normal_sq } else { f64::NAN };
+        out.weights[0][i] = vb * scale;
+        out.weights[1][i] = vc * scale;
+    }
+    out
+}
+
 /// Squared distance from `point` to the edge between `a` and `b`, and how far along it from `a` the nearest
 /// point is, from 0 to 1.
 ///
@@ -212,6 +253,11 @@ mod tests {
                 let at = |k: usize| k as f64 * 0.5 - 1.5 + 0.03;
                 let p = [at(i % 7), at(i / 7 % 7), at(i / 49)];
                 let (found_sq, weights) = closest(p, t);
+                let inside = closest_inside(&p.map(|x| [x; 2]), t);
+                if !inside.distance_sq[1].is_nan() {
+                    assert_eq!(inside.distance_sq[1].to_bits(), found_sq.to_bits(), "{p:?}");
+                    assert_eq!(inside.weights.map(|w| w[1]), [weights[1], weights[2]], "{p:?}");
+                }
                 let (found, searched) = (found_sq.sqrt(), by_search(p, t));
                 assert!(found <= searched + 1e-12, "{t:?} {p:?}: {found} > {searched}");
                 assert!(searched - found < 1e-2, "{t:?} {p:?}: {found} < {searched}");

@@ -3,15 +3,16 @@
 //! The compiler neither fuses nor reorders operations on floats, so both ways give the same bits. Knows nothing of the work.
 
 /// Work in whose `run` everything that counts is inlined.
-pub(crate) trait WideJob {
+pub trait WideJob {
+    /// Outcome of the work.
     type Output;
-    /// Must be `#[inline(always)]` to gain from wide registers.
+    /// Does the work; must be `#[inline(always)]` to gain from wide registers.
     fn run(self) -> Self::Output;
 }
 
 /// Does `job` with the widest registers of this processor.
 #[inline(always)]
-pub(crate) fn run<J: WideJob>(job: J) -> J::Output {
+pub fn run<J: WideJob>(job: J) -> J::Output {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
         // SAFETY: the processor has AVX2.
