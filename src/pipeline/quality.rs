@@ -4,7 +4,7 @@
 //! comes near to the length of the edges, the surface has come apart into shards, whatever the count.
 
 use crate::kernel::{Quality, QualityAt};
-use crate::pipeline::run_report::QualityReport;
+use serde::{Deserialize, Serialize};
 
 /// A result may no longer stand for its input from this root mean square error over mean edge on. Clean scans stay
 /// below 0.05 down to some hundred triangles. A chest CT has 0.05 at 1 %, 0.07 at 0.2 %, and 0.085 at 0.1 %, where a
@@ -25,6 +25,41 @@ const CLEARLY_MORE: f64 = 1.25;
 /// is named is this multiple of the estimate.
 const FEW: f64 = 100.0;
 const MORE_OF_FEW: f64 = 2.0;
+
+/// Estimate of how well the result stands for the input, from probes in every round and in the finish.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct QualityReport {
+    /// Root mean square distance from the input to the result, in input units.
+    pub rms_estimate: f64,
+    /// Mean edge of the result, in input units.
+    pub mean_edge: f64,
+    /// The one over the other.
+    pub error_per_edge: f64,
+    /// The error over the root of the input's area, the largest on the way.
+    pub error_of_size: f64,
+    /// Share of the input's area that faces against the result where it is nearest, 0 to 1.
+    pub share_against: f64,
+    /// True if the result can stand for the input; false where it has come apart into shards.
+    pub bearable: bool,
+    /// The least count of triangles that can be expected to stand for the input; the result's own if it does.
+    pub sensible_triangles: u64,
+}
+
+impl Default for QualityReport {
+    /// Nothing known, nothing wrong: reports of earlier versions have no estimate.
+    fn default() -> Self {
+        QualityReport {
+            rms_estimate: 0.0,
+            mean_edge: 0.0,
+            error_per_edge: 0.0,
+            error_of_size: 0.0,
+            share_against: 0.0,
+            bearable: true,
+            sensible_triangles: 0,
+        }
+    }
+}
 
 /// State of the surface at one count of triangles.
 #[derive(Clone, Copy, Debug)]

@@ -11,6 +11,7 @@ use crate::mesh::face_properties::{FacePolicy, FacePropertyPlan};
 pub use crate::methods::{
     DecimationReport, EdgesReport, GridReport, PairsReport, RetilingReport, SpreadReport,
 };
+pub use crate::pipeline::quality::QualityReport;
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
 use crate::system::losses::Ledger;
 use crate::system::memory::peak_bytes;
@@ -437,41 +438,6 @@ impl RunReport {
         add_old_names(&mut report.settings);
         report.seams.place = report.seams.sample_position;
         report
-    }
-}
-
-/// Estimate of how well the result stands for the input, from probes in every round and in the finish.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct QualityReport {
-    /// Root mean square distance from the input to the result, in input units.
-    pub rms_estimate: f64,
-    /// Mean edge of the result, in input units.
-    pub mean_edge: f64,
-    /// The one over the other.
-    pub error_per_edge: f64,
-    /// The error over the root of the input's area, the largest on the way.
-    pub error_of_size: f64,
-    /// Share of the input's area that faces against the result where it is nearest, 0 to 1.
-    pub share_against: f64,
-    /// True if the result can stand for the input; false where it has come apart into shards.
-    pub bearable: bool,
-    /// The least count of triangles that can be expected to stand for the input; the result's own if it does.
-    pub sensible_triangles: u64,
-}
-
-impl Default for QualityReport {
-    /// Nothing known, nothing wrong: reports of earlier versions have no estimate.
-    fn default() -> Self {
-        QualityReport {
-            rms_estimate: 0.0,
-            mean_edge: 0.0,
-            error_per_edge: 0.0,
-            error_of_size: 0.0,
-            share_against: 0.0,
-            bearable: true,
-            sensible_triangles: 0,
-        }
     }
 }
 
