@@ -35,7 +35,7 @@ const STACK_BYTES: usize = 8 << 20;
 /// A run at one moment, for the function that was given to `on_progress`.
 #[derive(Clone, Copy, Debug)]
 pub struct Moment<'a> {
-    /// Name of the stage: `partition`, `simplify`, `stitch`, ...
+    /// Name of the stage: `partition`, `simplify`, `finish`, ...
     pub stage: &'a str,
     /// Its number, from 1.
     pub number: u32,

@@ -71,7 +71,9 @@ pub(super) fn parse_memory(text: &str) -> Result<u64, String> {
 /// Parses a length.
 pub(super) fn parse_length(text: &str) -> std::result::Result<f64, String> {
     let length = text.parse().ok().filter(|x: &f64| x.is_finite() && *x >= 0.0);
-    length.ok_or_else(|| "a length in input units, not negative: 0.2".to_owned())
+    length.ok_or_else(|| {
+        "write a length in units of the input, not below 0 and no share: 0.2 ('stonecut info' shows how large the mesh is)".to_owned()
+    })
 }
 
 /// Parses `--cell-triangles`.

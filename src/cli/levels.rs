@@ -20,14 +20,14 @@ struct ListedValues<T>(Vec<(String, T)>);
 pub(super) struct TypedTarget {
     /// Triangles wanted, at most: 20000, 500k, 4M. Several, as 40M,4M,400k, make a chain of levels in one run: OUTPUT gets -40M,
     /// -4M and -400k before its ending, or holds {} for them.
-    #[arg(long, value_name = "N", value_parser = parse_counts)]
+    #[arg(long, value_name = "N", value_parser = parse_counts, allow_negative_numbers = true)]
     triangles: Option<ListedValues<u64>>,
     /// Share of the input's triangles: 1% or 0.01; or several, as 10%,1%,0.1%.
-    #[arg(long, value_name = "R", value_parser = parse_ratios, conflicts_with = "triangles")]
+    #[arg(long, value_name = "R", value_parser = parse_ratios, conflicts_with = "triangles", allow_negative_numbers = true)]
     ratio: Option<ListedValues<f64>>,
     /// Largest distance from the input to the result and back, in input units; as few triangles as that allows, or
     /// as many as --triangles or --ratio say, if those come first.
-    #[arg(long, value_name = "E", value_parser = parse_length)]
+    #[arg(long, value_name = "E", value_parser = parse_length, allow_negative_numbers = true)]
     pub(super) max_error: Option<f64>,
 }
 
@@ -61,6 +61,9 @@ fn is_grouped(text: &str) -> bool {
 }
 
 fn parse_counts(text: &str) -> std::result::Result<ListedValues<u64>, String> {
+    if text.contains('%') {
+        return Err(format!("a share of the triangles is --ratio {text}"));
+    }
     if is_grouped(text) {
         let number = text.replace(',', "");
         return Err(format!("a comma separates levels; write one number without commas: {number}"));

@@ -52,6 +52,7 @@ use crate::error::{Error, Offers, Result};
 use crate::system::parallel::guarded;
 use crate::system::paths::Role;
 use crate::system::progress::Progress;
+use clap::error::ErrorKind::MissingRequiredArgument;
 use clap::{CommandFactory, Parser};
 use log::{Log, Show, Talk, complain, end_of, say_end};
 pub use out_of_memory::Allocator;
@@ -117,8 +118,8 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
                 );
             }
             // What was not said by clap has no use for the words on how to type a command.
-            match error.context().next() {
-                None if error.use_stderr() => {
+            match error.kind() {
+                MissingRequiredArgument if error.context().next().is_none() => {
                     let error = arguments::usage(&error);
                     complain(&mut std::io::stderr(), Show::None, &error, Offers::default());
                 }

@@ -231,6 +231,9 @@ impl Row {
                     let what = format!("this is {}, not a folder", kind_of(meta.file_type()));
                     Err(Error::bad_input(&self.path, what))
                 }
+                Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+                    Err(Error::bad_input(&self.path, "the folder does not exist"))
+                }
                 Err(e) => Err(Error::bad_input(&self.path, format!("cannot open: {e}"))),
             };
         }

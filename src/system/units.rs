@@ -50,7 +50,14 @@ pub fn parse_ratio(text: &str) -> Result<f64, String> {
         None => (text, 1.0),
     };
     let value = number.trim().parse::<f64>().map_err(|_| complaint())? * factor;
-    if value > 0.0 && value <= 1.0 { Ok(value) } else { Err(complaint()) }
+    match value {
+        // 5 is meant to be 5 %.
+        _ if value > 1.0 && factor == 1.0 => {
+            Err(format!("{}; 1 is all, {text} % is {text}%", complaint()))
+        }
+        _ if value > 0.0 && value <= 1.0 => Ok(value),
+        _ => Err(complaint()),
+    }
 }
 
 /// A count for people: `34.6 M`.

@@ -457,6 +457,22 @@ fn a_ratio_of_one_is_questioned() {
     assert!(said.contains("joined at once and brought to the target"), "{said}");
     let said = expect(out, "simplify in.ply p.ply --ratio 100%", 0);
     assert!(!said.contains("warning"), "{said}");
+    // Slips are answered with what was meant.
+    for (words, code, answer) in [
+        ("simplify in.ply q.ply --triangles -5", 2, "invalid count '-5'"),
+        ("simplify in.ply q.ply --triangles 5%", 2, "is --ratio 5%"),
+        ("simplify in.ply q.ply --ratio 5", 2, "5 % is 5%"),
+        ("simplify in.ply q.ply --max-error 1%", 2, "no share"),
+        ("simplify in.ply q.ply --triangles 9999", 0, "all triangles"),
+        ("simplify in.ply q.ply --triangles 99 --weight color=2", 2, "positions alone"),
+        ("measure in.ply", 2, "the simplified mesh comes last"),
+        ("extract none x.ply --triangles 9", 4, "the folder does not exist"),
+        ("verify in.ply", 4, "it is not JSON; give what"),
+        ("", 2, "Commands:"),
+    ] {
+        let said = expect(out, words, code);
+        assert!(said.contains(answer), "{words}: {said}");
+    }
 }
 
 #[test]

@@ -340,9 +340,12 @@ impl MeshSource {
             )));
         }
         let names: Vec<_> = self.header.elements.iter().map(|e| e.name.as_str()).collect();
-        let remedy = match names.contains(&"range_grid") {
-            true => "say how many columns and rows the grid has (obj_info num_cols and num_rows)",
-            false => "make a mesh of the points first, for instance with PoissonRecon",
+        let remedy = match (self.n_vertices(), names.contains(&"range_grid")) {
+            (0, _) => "export it again",
+            (_, true) => {
+                "say how many columns and rows the grid has (obj_info num_cols and num_rows)"
+            }
+            _ => "make a mesh of the points first, for instance with PoissonRecon",
         };
         Err(self.file.bad(format!(
             "it has {} vertices but no faces, so no triangles (its elements: {}); {remedy}",

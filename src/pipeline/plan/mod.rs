@@ -232,6 +232,9 @@ impl Plan {
             (_, None) if config.progressive.is_some() => {
                 format!("target   {triangles} triangles, at most {MAX_SPECK} below")
             }
+            (_, None) if self.target >= self.triangles_in => {
+                "target   all triangles: the input has no more than were asked for".to_owned()
+            }
             (_, None) if self.finish => format!("target   {triangles} triangles, or one less"),
             (_, None) => format!("target   {triangles} triangles, at most 0.5 % below"),
         }

@@ -36,6 +36,8 @@ const UNEVEN_AT_WORST: f64 = 2.5;
 
 /// Tiles for each that would be full: terrains, statues, sponges and overlapping scans of 0.3 to 2 million triangles have 1.2 to 1.9.
 const TILES_PER_FULL: f64 = 1.65;
+/// The tile at the top, and the boxes around its middle that a surface passes through.
+const FEWEST_TILES: f64 = 8.0;
 
 /// A round whose one group has at most this many tiles' triangles is the last.
 pub(super) const LAST: u64 = 8;
@@ -298,7 +300,7 @@ impl TilesPlan {
         Ok(TilesPlan {
             triangles_in,
             levels,
-            tiles: (TILES_PER_FULL * all / tile).ceil() as u64,
+            tiles: (TILES_PER_FULL * all / tile).ceil().max(FEWEST_TILES) as u64,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
             // The cells are gone when the input is staged for pages, once more.
