@@ -464,7 +464,7 @@ fn a_ratio_of_one_is_questioned() {
         ("simplify in.ply q.ply --ratio 5", 2, "5 % is 5%"),
         ("simplify in.ply q.ply --max-error 1%", 2, "no share"),
         ("simplify in.ply q.ply --triangles 9999", 0, "all triangles"),
-        ("simplify in.ply q.ply --triangles 99 --weight color=2", 2, "positions alone"),
+        ("simplify in.ply w.ply --triangles 99 --weight color=2", 2, "positions alone"),
         ("measure in.ply", 2, "the simplified mesh comes last"),
         ("extract none x.ply --triangles 9", 4, "the folder does not exist"),
         ("verify in.ply", 4, "it is not JSON; give what"),

@@ -330,28 +330,22 @@ impl MeshSource {
 
     /// Refuses a file that has no triangles, saying what it has.
     pub fn require_faces(&self) -> Result<()> {
-        if self.n_triangles() > 0 {
-            return Ok(());
-        }
-        if self.n_face_rows() > 0 {
-            let n = self.n_face_rows();
-            return Err(self.file.bad(format!(
-                "has no triangles (element face, row 0): none of its {n} faces has three corners"
-            )));
-        }
         let names: Vec<_> = self.header.elements.iter().map(|e| e.name.as_str()).collect();
-        let remedy = match (self.n_vertices(), names.contains(&"range_grid")) {
-            (0, _) => "export it again",
-            (_, true) => {
-                "say how many columns and rows the grid has (obj_info num_cols and num_rows)"
+        let (n, names) = (self.n_vertices(), names.join(", "));
+        let remedy = match (self.n_triangles(), self.n_face_rows()) {
+            (0, 0) if n == 0 => "export it again",
+            (0, 0) if names.contains("range_grid") => {
+                "say the grid's obj_info num_cols and num_rows"
             }
-            _ => "make a mesh of the points first, for instance with PoissonRecon",
+            (0, 0) => "make a mesh of the points first, for instance with PoissonRecon",
+            (0, _) => {
+                let what = "has no triangles (element face, row 0): no face has three corners";
+                return Err(self.file.bad(what));
+            }
+            _ => return Ok(()),
         };
-        Err(self.file.bad(format!(
-            "it has {} vertices but no faces, so no triangles (its elements: {}); {remedy}",
-            self.n_vertices(),
-            names.join(", ")
-        )))
+        let what = format!("it has {n} vertices but no faces, so no triangles (its elements");
+        Err(self.file.bad(format!("{what}: {names}); {remedy}")))
     }
 
     /// Refuses a file whose texture would be lost, naming some of the images.
@@ -407,9 +401,7 @@ impl MeshSource {
         self.layout.n_vertices
     }
 
-    /// Number of rows that hold faces: a polygon counts once, a strip as often as it has triangles.
-    ///
-    /// For those who read rows; everything else counts triangles.
+    /// Number of rows that hold faces, for those who read rows: a polygon counts once, a strip as often as it has triangles.
     pub fn n_face_rows(&self) -> u64 {
         self.layout.n_face_rows
     }
