@@ -105,12 +105,14 @@ pub(super) fn say(output: &Path, done: &Converted, log: &mut Said) {
     for (count, what) in [
         (done.n_degenerate, "degenerate faces dropped"),
         (done.n_duplicate, "repeated faces dropped"),
-        (done.n_bad, "broken faces or rows dropped"),
         (done.n_unreferenced, "vertices without a face dropped"),
     ] {
         if count > 0 {
             let _ = writeln!(log, "  {count} {what}");
         }
+    }
+    if done.n_bad > 0 {
+        log.0.say_reason(format!("  {} broken faces or rows dropped", done.n_bad));
     }
     for line in done.weld.iter().flat_map(|weld| &weld.notes) {
         let _ = writeln!(log, "  {line}");

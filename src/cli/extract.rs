@@ -105,11 +105,11 @@ impl Command for Args {
         show_outward(done.deviation, 1, 3)
     ));
         if !done.reached {
-            log.say("the number of triangles was not met: what lies in the box stays, or no edge is left that may be collapsed".to_owned());
+            log.say_reason("the number of triangles was not met: what lies in the box stays, or no edge is left that may be collapsed".to_owned());
             return CommandEnd::of(&done, true);
         }
         if done.is_coarser {
-            log.say(format!(
+            log.say_reason(format!(
             "the finest tiles are up to {:.3e} from the input, more than was asked for: positions in tiles are rounded, or the tree was made with --finest",
             done.deviation
         ));

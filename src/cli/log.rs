@@ -31,7 +31,7 @@ pub struct Talk {
     /// Form of the progress on standard error [default: a bar on a terminal, else lines].
     #[arg(long, value_enum, default_value = "auto", global = true)]
     pub(super) progress: Show,
-    /// Say nothing but errors.
+    /// Say nothing but errors, and why an exit code is not 0.
     #[arg(short, long, global = true)]
     pub(super) quiet: bool,
     /// Say more: every stage and its figures.
@@ -105,6 +105,8 @@ pub struct Log {
     is_json: bool,
     /// The beginning of a line that `Said` has not heard the end of.
     begun: Vec<u8>,
+    /// Lines that `--quiet` keeps back until the exit code is known.
+    reasons: Vec<String>,
 }
 
 impl Log {
@@ -120,12 +122,12 @@ impl Log {
             None => None,
         };
         let is_json = talk.progress == Show::Json;
-        Ok(Log { file, quiet: talk.quiet, is_json, begun: Vec::new() })
+        Ok(Log { file, quiet: talk.quiet, is_json, begun: Vec::new(), reasons: Vec::new() })
     }
 
     /// A log that keeps everything to itself.
     pub(super) fn silent() -> Log {
-        Log { file: None, quiet: true, is_json: false, begun: Vec::new() }
+        Log { file: None, quiet: true, is_json: false, begun: Vec::new(), reasons: Vec::new() }
     }
 
     /// Says a line, as a terminal may have it, unless `--quiet`; it always reaches the log file.
@@ -140,6 +142,22 @@ impl Log {
         }
         if let Some(file) = &mut self.file {
             let _ = writeln!(file, "{line}");
+        }
+    }
+
+    /// Says a line that gives the reason of an exit code, if it comes to one; `--quiet` waits for that.
+    pub(super) fn say_reason(&mut self, line: impl std::fmt::Display) {
+        let line = line.to_string();
+        self.say(&line);
+        if self.quiet && !self.is_json {
+            self.reasons.push(line);
+        }
+    }
+
+    /// Says what `--quiet` has kept back of the reasons of an exit code.
+    pub(super) fn give_reasons(&mut self, code: u8) {
+        for line in self.reasons.drain(..).filter(|_| code != 0) {
+            let _ = writeln!(std::io::stderr(), "{}", shown(line.trim_start()));
         }
     }
 }
@@ -174,9 +192,10 @@ impl Log {
                 Severity::Partial => "lost in part",
                 Severity::Whole => "lost",
             };
-            match self.is_json {
-                true => self.event("loss", json!({ "loss": loss })),
-                false => self.say(format!("  {how}: {loss}")),
+            match (self.is_json, loss.severity) {
+                (true, _) => self.event("loss", json!({ "loss": loss })),
+                (_, Severity::Whole) => self.say_reason(format!("  {how}: {loss}")),
+                _ => self.say(format!("  {how}: {loss}")),
             }
         }
         if code == 0 && losses.has_whole() { EXIT_SHORT } else { code }

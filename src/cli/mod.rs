@@ -146,7 +146,8 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
     if let Some((code, line)) = command.done_before()
         && let Ok(mut log) = Log::new(talk)
     {
-        log.say(line);
+        log.say_reason(line);
+        log.give_reasons(code);
         say_end(&mut log, show, end_of(Ok((serde_json::Value::Null, code)), offers), began);
         return code;
     }
@@ -164,6 +165,7 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
         }
         Err(error) => (complain(&mut log, show, &error, offers), end_of(Err(&error), offers)),
     };
+    log.give_reasons(code);
     say_end(&mut log, show, end, began);
     code
 }

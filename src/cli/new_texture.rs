@@ -1,6 +1,7 @@
 //! `--bake-size` and `--bake-pages` of `simplify`.
 
 use crate::config::{BakeSettings, PAGE_SIZES};
+use crate::io::TextureMode;
 
 /// The pages of a new texture.
 #[derive(Clone, Debug, clap::Args)]
@@ -37,17 +38,18 @@ impl TypedPages {
 
     /// A line for each option that has no effect where `--texture auto` makes no new texture; `may_follow` if one is made
     /// where the input's charts leave too many triangles.
-    pub(super) fn notes(&self, may_follow: bool) -> Vec<String> {
+    pub(super) fn notes(&self, ktx2: Option<TextureMode>, may_follow: bool) -> Vec<String> {
         let unless = match may_follow {
             true => " unless the input's charts leave too many triangles",
             false => "",
         };
-        let note = |option| {
+        let note = |option: String| {
             format!(
                 "{option} has no effect: no new texture is made{unless}; --texture bake makes one"
             )
         };
-        self.all_given().map(note).collect()
+        let ktx2 = ktx2.map(|mode| format!("--textures {}", mode.name()));
+        self.all_given().map(str::to_owned).chain(ktx2).map(note).collect()
     }
 
     /// The settings of a new texture, with or without normal maps.
@@ -117,11 +119,12 @@ mod tests {
     #[test]
     fn pages_without_effect_are_named() {
         let pages = TypedPages { bake_size: Some(512), bake_pages: Some(1) };
-        let notes = pages.notes(true);
-        assert_eq!(notes.len(), 2);
+        let notes = pages.notes(Some(TextureMode::Ktx2), true);
+        assert_eq!(notes.len(), 3);
         assert!(notes[0].starts_with("--bake-size") && notes[1].starts_with("--bake-pages"));
+        assert!(notes[2].starts_with("--textures ktx2 has no effect"));
         assert!(notes.iter().all(|note| note.contains("too many triangles")), "{notes:?}");
-        assert!(TypedPages { bake_size: None, bake_pages: None }.notes(false).is_empty());
+        assert!(TypedPages { bake_size: None, bake_pages: None }.notes(None, false).is_empty());
         assert_eq!(pages.settings(true).page_size, 512);
     }
 }

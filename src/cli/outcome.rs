@@ -6,7 +6,8 @@ use crate::error::Result;
 use crate::measure::solid::Solid;
 use crate::mesh::face_properties::FacePolicy;
 use crate::pipeline::run_report::{
-    BoundReport, FaceReport, GridReport, NO_PLACE, QualityReport, RunReport, StageReport,
+    BoundReport, FaceReport, GridReport, InputReport, LOST_ROWS, NO_PLACE, QualityReport,
+    RunReport, StageReport,
 };
 use crate::stages::components::ComponentSizes;
 use crate::system::disk::Disk;
@@ -115,9 +116,7 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
         log.say(component_line(components));
     }
     solid_lines(&report.changes).into_iter().for_each(|line| log.say(line));
-    for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
-        log.say(format!("  {n} {} dropped", name.replace('_', " ")));
-    }
+    say_faults(&report.input, log);
     if let Some(measured) = &report.measured {
         super::measure::table(measured).lines().for_each(|line| log.say(line));
     }
@@ -132,16 +131,27 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
         ));
     }
     if !report.target_met {
-        log.say(format!(
+        log.say_reason(format!(
             "short of the target of {} triangles: {}",
             report.target, report.stop_reason
         ));
     }
     if let Some(solid) = report.solid.filter(|solid| !solid.met) {
-        log.say(fault_line(&solid));
+        log.say_reason(fault_line(&solid));
     }
     if !report.quality.bearable {
-        log.say(unbearable_line(&report.quality));
+        log.say_reason(unbearable_line(&report.quality));
+    }
+}
+
+/// Says what was dropped of an input for its faults.
+pub(super) fn say_faults(input: &InputReport, log: &mut Log) {
+    for (name, n) in input.faults.iter().filter(|(_, n)| **n > 0) {
+        let line = format!("  {n} {} dropped", name.replace('_', " "));
+        match LOST_ROWS.contains(&name.as_str()) {
+            true => log.say_reason(line),
+            false => log.say(line),
+        }
     }
 }
 
@@ -203,8 +213,10 @@ fn solid_lines(changes: &BTreeMap<String, u64>) -> Vec<String> {
     let count = |name: &str| changes.get(name).copied();
     let of = |name: &str| show_count(count(name).unwrap_or(0));
     let holes = count("holes_filled").map(|_| {
+        let is_large = count("holes_left_large").is_some_and(|n| n > 0);
+        let way_out = if is_large { "; give --close=all to fill them" } else { "" };
         format!(
-            "  holes: {} filled with {} triangles, {} left ({} larger than --close), {} parts of others across cells",
+            "  holes: {} filled with {} triangles, {} left ({} larger than --close), {} parts of others across cells{way_out}",
             of("holes_filled"),
             of("hole_triangles_added"),
             of("holes_left"),

@@ -176,7 +176,7 @@ fn write_mesh(args: &Args, output: &Path, session: &mut Session) -> Result<Comma
         write_json(to, &done)?;
     }
     if !done.target_met {
-        log.say(format!(
+        log.say_reason(format!(
             "{} triangles were asked for; the coarsest mesh of the file has {}",
             target, done.input.coarsest
         ));

@@ -428,7 +428,8 @@ impl Command for Args {
         if let ReadyJob::Collapse(ready) = &ready
             && ready.config.texture == Texture::Keep
         {
-            let notes = self.pages.notes(ready.retry.is_some());
+            let ktx2 = self.textures.filter(|mode| mode.is_ktx2());
+            let notes = self.pages.notes(ktx2, ready.retry.is_some());
             notes.into_iter().for_each(|line| session.log.say(line));
         }
         if self.dry_run {

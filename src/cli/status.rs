@@ -8,7 +8,7 @@ use super::terminal::shown;
 use crate::error::{Error, Result};
 use crate::pipeline::units::{Standing, standing};
 use crate::store::job::units::UnitJob;
-use crate::store::job::{look, view};
+use crate::store::job::{has_manifest, look, view};
 use crate::system::disk::{Disk, note_of};
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
 use crate::system::paths::{Paths, Role};
@@ -47,7 +47,7 @@ impl Command for Args {
 
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         let args = Args { folder: self.place()?, ..*self };
-        match args.folder.exists() {
+        match UnitJob::is_in(&args.folder) || has_manifest(&args.folder) {
             true => show(&args, session.progress),
             false => show_finished(&args),
         }

@@ -3,8 +3,7 @@
 use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
 use super::inputs::InOut;
-use super::log::{Log, Talk};
-use super::outcome::{stage_line, write_json};
+use super::outcome::{say_faults, stage_line, write_json};
 use super::placing::{TypedMoves, TypedTransform, Up, numbers, parse_transform};
 use super::receipt::{self, TypedReceipt};
 use super::session::{Command, Session};
@@ -317,7 +316,7 @@ fn make(args: &Args, session: &mut Session) -> Result<CommandEnd> {
     }
     let marks = prepared.marks.clone();
     let report = session.watch(|| make_tiles(prepared, &config, progress))?;
-    tell(&report, session.talk, session.log);
+    tell(&report, config.coding, session);
     if let Some(to) = &report_to {
         write_json(to, &report)?;
     }
@@ -330,7 +329,8 @@ fn make(args: &Args, session: &mut Session) -> Result<CommandEnd> {
     CommandEnd::of(&report, report.is_short())
 }
 
-fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {
+fn tell(report: &TilesReport, coding: Option<BasisCoding>, session: &mut Session) {
+    let (talk, log) = (session.talk, &mut *session.log);
     if log.summary(report) {
         return;
     }
@@ -363,23 +363,22 @@ fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {
     ));
     if let Some(pages) = &report.texture {
         log.say(format!(
-            "  textures  {} charts, {} texels of which {} show the surface, {} of JPEG or PNG; {:.4} texels per unit of length on level 0",
+            "  textures  {} charts, {} texels of which {} show the surface, {} of {}; {:.4} texels per unit of length on level 0",
             show_count(pages.charts),
             show_count(pages.texels),
             show_count(pages.covered_texels),
             show_bytes(pages.bytes),
+            if coding.is_some() { "KTX2" } else { "JPEG or PNG" },
             pages.texels_per_unit
         ));
     }
     for note in report.input.weld.iter().flat_map(|weld| &weld.notes) {
         log.say(format!("  {note}"));
     }
-    for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
-        log.say(format!("  {n} {} dropped", name.replace('_', " ")));
-    }
+    say_faults(&report.input, log);
     if report.stuck > 0 {
         let groups: u64 = report.levels.iter().map(|level| level.groups).sum();
-        log.say(format!(
+        log.say_reason(format!(
             "{} of {groups} groups of tiles kept nearly all of their triangles: their coarser levels are larger than they should be",
             report.stuck
         ));

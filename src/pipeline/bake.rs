@@ -31,6 +31,12 @@ pub(super) fn decide(source: &MeshSource, config: &Config) -> Result<Texture> {
             Some(what) => Err(Error::Usage(format!("--texture bake: {what}"))),
         },
         Texture::Auto => {
+            if let Some(mode) = config.textures.filter(|mode| mode.is_ktx2())
+                && bake::has_images(source)
+                && let Some(what) = obstacle(source, config)?
+            {
+                return Err(Error::Usage(format!("--textures {}: {what}", mode.name())));
+            }
             let is_to_count = matches!(config.target, Target::Triangles(_) | Target::Ratio(_));
             let bakes = (is_strong(source, config) || has_begun(config))
                 && is_to_count
@@ -133,6 +139,7 @@ fn obstacle(source: &MeshSource, config: &Config) -> Result<Option<String>> {
     let at_vertices = TEXTURE_NAMES.iter().any(|pair| pair.iter().all(has_own));
     let found = [
         (config.drop_texture, "not with --drop-texture"),
+        (wants_ktx2 && kind != OutputKind::Glb, "only GLB holds KTX2; write a .glb"),
         (kind == OutputKind::Stl, "STL has no place for a texture; write .obj, .glb or .ply"),
         (config.input == stream, "standard input cannot be read again; give a file"),
         (
@@ -144,7 +151,6 @@ fn obstacle(source: &MeshSource, config: &Config) -> Result<Option<String>> {
             matches!(config.textures, Some(TextureMode::Link | TextureMode::None)),
             "its images are new; choose --textures copy or embed",
         ),
-        (wants_ktx2 && kind != OutputKind::Glb, "only GLB holds KTX2; write a .glb"),
         (wants_ktx2 && !BasisCoding::IS_MADE, "this build makes no KTX2 (feature 'ktx2')"),
         (
             wants_ktx2 && !config.bake.page_size.is_multiple_of(4),

@@ -123,10 +123,13 @@ impl InputReport {
 
     /// Rows that were broken or missing, and dropped on request: the result is of a part of the input only.
     pub fn lost_rows(&self) -> u64 {
-        let lost = ["bad_faces", "bad_vertices", "missing_faces", "missing_vertices"];
-        lost.iter().filter_map(|name| self.faults.get(*name)).sum()
+        LOST_ROWS.iter().filter_map(|name| self.faults.get(*name)).sum()
     }
 }
+
+/// Faults for which rows are dropped that should have been read.
+pub(crate) const LOST_ROWS: [&str; 4] =
+    ["bad_faces", "bad_vertices", "missing_faces", "missing_vertices"];
 
 /// The output of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -243,5 +243,8 @@ fn a_message_names_the_first_few_of_many_images() {
         assert!(said.contains("none of the images"), "{said}");
         assert!(said.contains("image0.png' (material 'm0') is not there, and 149 more"), "{said}");
         assert!(said.len() < 500, "{said}");
+        let said = expect(at, &format!("convert in.obj {output} -q --force"), 3);
+        assert!(said.starts_with("lost: none of the images"), "{said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
     }
 }

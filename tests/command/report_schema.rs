@@ -265,7 +265,9 @@ fn reports_of_refine_keep_the_schema() {
     for (options, code) in
         [("--triangles 3k", 0), ("--triangles 10", 3), ("--view 0,-8,2,0,0,1,40 --pixels 2", 0)]
     {
-        expect(out, &format!("refine o.pm r.ply {options} --force --report r.json"), code);
+        let said =
+            expect(out, &format!("refine o.pm r.ply {options} --force --report r.json -q"), code);
+        assert_eq!(said.lines().count(), usize::from(code != 0), "{said}");
         let report = read(&out.join("r.json"));
         assert_keeps("refine_report", &report);
         assert_eq!(report["view"].is_object(), options.contains("--view"), "{report}");
@@ -437,6 +439,7 @@ fn a_run_that_is_done_is_not_done_again() {
         assert_eq!(printed(out, &format!("status {place} --json"))["is_over"], true);
     }
     assert!(expect(out, "status none.stonecut-job", 4).contains("there is no such job"));
+    assert!(expect(out, "status .", 4).contains("there is no such job"));
     let mapped = "simplify in.ply p.ply --ratio 10% --map m.npy";
     expect(out, mapped, 0);
     assert!(expect(out, mapped, 0).contains("already done"));

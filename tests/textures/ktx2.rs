@@ -269,6 +269,17 @@ fn pages_of_a_new_texture_become_ktx2() {
     }
     assert!(simplify("o.obj --textures ktx2", 2).contains("only GLB holds KTX2"));
     assert!(simplify("o.glb --textures etc1s --bake-size 250", 2).contains("multiples of 4"));
+    // The truth at once, whatever the texture.
+    for (rest, truth) in [
+        ("o.obj", "only GLB holds KTX2"),
+        ("o.ply", "only GLB holds KTX2"),
+        ("o.stl", "only GLB holds KTX2"),
+        ("o.glb --bake-size 250", "multiples of 4"),
+    ] {
+        let command = format!("simplify in.obj {rest} --ratio 20% --force --textures ktx2");
+        let said = expect(folder, &command, 2);
+        assert!(said.contains(truth) && !said.contains("--texture bake"), "{rest}: {said}");
+    }
     let said = expect(folder, "convert in.obj o.glb --textures ktx2 --force", 2);
     assert!(said.contains("--texture bake") && said.contains("gltf-transform uastc"), "{said}");
 }

@@ -416,6 +416,10 @@ fn decided(request: &TextureRequest) -> Result<TextureMode> {
             let what = "--textures copy: there is no folder beside standard output; choose link, embed or none";
             Err(Error::Usage(what.to_owned()))
         }
+        Some(mode) if mode.is_ktx2() && kind != OutputKind::Glb => {
+            let mode = mode.name();
+            Err(Error::Usage(format!("--textures {mode}: only GLB holds KTX2; write a .glb")))
+        }
         Some(mode) if mode.is_ktx2() => Err(Error::Usage(format!(
             "--textures {}: images that are kept stay as they are, those of a new texture in a .glb become KTX2; choose \
              --texture bake, or run 'gltf-transform {} IN.glb OUT.glb' on the result",

@@ -65,6 +65,11 @@ pub struct ManifestView {
     pub outcomes: BTreeMap<String, serde_json::Value>,
 }
 
+/// True of the folder of a job that has begun.
+pub fn has_manifest(folder: &Path) -> bool {
+    folder.join(FILE_NAME).exists()
+}
+
 /// Reads the manifest of a job folder without opening the job.
 pub fn view(folder: &Path) -> Result<ManifestView> {
     let path = folder.join(FILE_NAME);

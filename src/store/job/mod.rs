@@ -10,7 +10,7 @@ mod own_names;
 pub mod units;
 
 pub use lock::{hold, look};
-pub use manifest::{Identity, ManifestView, view};
+pub use manifest::{Identity, ManifestView, has_manifest, view};
 pub use own_names::{SCRATCH_EXTENSION, TRIALS, is_in_job};
 
 use lock::JobLock;
@@ -64,7 +64,7 @@ impl Job {
     /// Errors: `Locked` when a living run works there.
     pub fn begin_with(folder: &Path, disk: &Disk, identity: &Identity, name: &str) -> Result<()> {
         let _lock = take_folder(folder, disk)?;
-        if folder.join(manifest::FILE_NAME).exists() {
+        if has_manifest(folder) {
             return Ok(());
         }
         clear_data(folder, disk)?;
