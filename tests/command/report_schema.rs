@@ -439,7 +439,6 @@ fn a_run_that_is_done_is_not_done_again() {
         assert_eq!(printed(out, &format!("status {place} --json"))["is_over"], true);
     }
     assert!(expect(out, "status none.stonecut-job", 4).contains("there is no such job"));
-    assert!(expect(out, "status .", 4).contains("there is no such job"));
     let mapped = "simplify in.ply p.ply --ratio 10% --map m.npy";
     expect(out, mapped, 0);
     assert!(expect(out, mapped, 0).contains("already done"));
