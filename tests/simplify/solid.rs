@@ -233,6 +233,25 @@ fn what_meets_is_cut_out_and_closed() {
 }
 
 #[test]
+fn bodies_that_cross_stay_whole() {
+    // No cut at their seam can close both without taking most of them away.
+    let mut mesh = meshes::torus(24, 12, |_, _| 0.5);
+    let (n, other) = (mesh.positions.len() as u32, mesh.clone());
+    mesh.positions.extend(other.positions.iter().map(|[x, y, z]| [x + 1.21, *z + 0.03, *y]));
+    mesh.triangles.extend(other.triangles.iter().map(|&[a, b, c]| [a, c, b].map(|v| v + n)));
+    let (whole, locked) = (volume(&mesh), vec![false; mesh.positions.len()]);
+    let options = Options {
+        stop: Stop::Triangles(400),
+        close: f64::INFINITY,
+        no_self_intersections: true,
+        ..Options::default()
+    };
+    let done = simplify_mesh(mesh, &locked, &options);
+    assert!((volume(&done.mesh) / whole - 1.0).abs() < 0.05, "{}", volume(&done.mesh) / whole);
+    assert!(faults(&done.mesh).1 > 0);
+}
+
+#[test]
 fn sheets_that_touch_move_apart_and_crumbs_go() {
     // Two rings that touch in a corner of both, and a speck.
     let mut mesh = meshes::torus(40, 20, |_, _| 0.5);

@@ -1,10 +1,11 @@
 //! Cuts out what is wrong beyond mending and closes what that leaves: triangles that meet others, and the surroundings of holes whose
 //! fillings would.
 //!
-//! Ring by ring, until every loop that is left has a filling that meets nothing; where a few rings do not do, all stays as it was.
+//! Ring by ring, until every loop that is left has a filling that meets nothing; where a few rings do not do, or the filling lies far
+//! from what was cut out, all stays as it was: two bodies that cross are no slip of a scan, and cutting at them would take them away.
 
 use super::rims::{self, Rim, parents};
-use super::{FIRST, FilledHoles, MOST_MOVED, extent, fill, fill_outwards};
+use super::{FIRST, FilledHoles, MOST_MOVED, bounds, fill, fill_outwards};
 use crate::crossing::Crossings;
 use crate::simd::Simd;
 use crate::state::MeshState;
@@ -12,15 +13,20 @@ use crate::state::recompute::recompute_vertices;
 use crate::surface::class::Class;
 use crate::surface::{MAX_VALENCE, Surface};
 use crate::vertex::GONE;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use stonecut_mesh::corners::others;
-use stonecut_mesh::vec3::Vec3;
+use stonecut_mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub, triangle_distance_sq};
 
 /// Rings of triangles around what is wrong that are cut out at most, and triangles: one in a hundred between these numbers.
 const MOST_RINGS: usize = 8;
 const MOST_TRIANGLES: [u64; 2] = [400, 4000];
 /// Places of either kind that could not be closed, after which no more are tried: each takes the time of many fillings.
 const MOST_LEFT: u64 = 200;
+/// Distance between what is cut out and what it is closed with, at most, as a share of the surface's extent, where triangles meet and
+/// around holes, and the volume between
+/// them beyond that distance, at most and in all, as a share of the volume or of the cube of the extent. A spike has none to speak of.
+const MOST_LOST: [f64; 2] = [0.03, 0.08];
+const MOST_VOLUME: [f64; 2] = [0.01, 5e-5];
 /// Loops of more edges are not local.
 const MOST_EDGES: usize = 400;
 
@@ -64,6 +70,7 @@ pub(crate) fn excise(
         }
     }
     n_left = 0;
+    work.is_hole = true;
     let is_seam =
         |state: &MeshState, v: u32| state.wedges.as_ref().is_some_and(|wedges| wedges.is_seam(v));
     let (rims, _) = rims::find(work.state, |v| is_seam(work.state, v));
@@ -102,13 +109,26 @@ pub(crate) fn cut_corners(
     work.n_cut
 }
 
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Cut {
+    Closed,
+    /// A loop has no filling that meets nothing.
+    Open,
+    /// What was cut out lies far from what would close it.
+    Far,
+}
+
 struct Work<'a> {
     state: &'a mut MeshState,
     crossings: &'a mut Crossings,
     size: f64,
     simd: Simd,
-    /// Length by which loops may move outwards.
-    most_moved: f64,
+    /// Of the surface.
+    extent: f64,
+    /// Volume that may yet lie between what is cut out and what it is closed with, where they are far apart.
+    volume_left: f64,
+    /// Around holes there is nothing to compare a filling with.
+    is_hole: bool,
     n_cut: u64,
 }
 
@@ -123,8 +143,12 @@ struct Before {
 
 impl<'a> Work<'a> {
     fn new(state: &'a mut MeshState, crossings: &'a mut Crossings, size: f64, simd: Simd) -> Self {
-        let most_moved = MOST_MOVED * extent(&state.surface);
-        Work { state, crossings, size, simd, most_moved, n_cut: 0 }
+        let surface = &state.surface;
+        let (extent, middle) = (bounds(surface).diagonal(), bounds(surface).middle());
+        let all = surface.triangles.iter().filter(|t| t[0] != GONE);
+        let volume = volume(all.map(|t| t.map(|v| rims::place(surface, v))), middle).abs();
+        let volume_left = (MOST_VOLUME[0] * volume).max(MOST_VOLUME[1] * extent.powi(3));
+        Work { state, crossings, size, simd, extent, volume_left, is_hole: false, n_cut: 0 }
     }
 
     /// A triangle that meets this one.
@@ -142,8 +166,10 @@ impl<'a> Work<'a> {
         for _ in 0..MOST_RINGS {
             self.crossings.take_met();
             self.round_off(&mut part);
-            if self.cut(&part) {
-                return true;
+            match self.cut(&part) {
+                Cut::Closed => return true,
+                Cut::Far => return false,
+                Cut::Open => {}
             }
             // What a filling met goes as well.
             let is_there = |&t: &u32| self.state.surface.triangles[t as usize][0] != GONE;
@@ -157,7 +183,7 @@ impl<'a> Work<'a> {
                 return false;
             }
         }
-        self.cut(&part)
+        self.cut(&part) == Cut::Closed
     }
 
     /// Takes in what is left around vertices where it would hang together in a corner alone: a loop that comes by twice has no filling.
@@ -180,8 +206,8 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Cuts out triangles and closes the loops that are left; false, and nothing changed, if one cannot be.
-    fn cut(&mut self, part: &BTreeSet<u32>) -> bool {
+    /// Cuts out triangles and closes the loops that are left; nothing is changed if one cannot be, or only by a filling far away.
+    fn cut(&mut self, part: &BTreeSet<u32>) -> Cut {
         let surface = &mut self.state.surface;
         let corners: BTreeSet<u32> =
             part.iter().flat_map(|&t| surface.triangles[t as usize]).collect();
@@ -191,7 +217,7 @@ impl<'a> Work<'a> {
             ring.class != Some(Class::Locked) && ring.len <= MAX_VALENCE && !is_seam
         };
         if !corners.iter().all(is_free) {
-            return false;
+            return Cut::Open;
         }
         let mut before = Before {
             triangles: part.iter().map(|&t| (t, surface.triangles[t as usize])).collect(),
@@ -216,9 +242,10 @@ impl<'a> Work<'a> {
         before.rings.extend(others.iter().map(|&v| (v, surface.ring(v).to_vec())));
         before.places.extend(others.iter().map(|&v| (v, rims::place(surface, v))));
         let is_closed = rims.is_some_and(|rims| self.close(rims));
-        if !is_closed {
+        let is_like = is_closed && self.is_like(&before);
+        if !is_like {
             self.take_back(&before);
-            return false;
+            return if is_closed { Cut::Far } else { Cut::Open };
         }
         self.n_cut += part.len() as u64;
         let mut touched: Vec<u32> = before.rings.into_iter().map(|(v, _)| v).collect();
@@ -227,7 +254,43 @@ impl<'a> Work<'a> {
             wedges.look_at(&mut self.state.surface, &touched);
         }
         recompute_vertices(self.state, &mut touched, self.simd);
-        true
+        Cut::Closed
+    }
+
+    /// Returns whether there is little volume between what was cut out and what closes it, or both lie near each other, at corners and
+    /// middles of their triangles.
+    fn is_like(&mut self, before: &Before) -> bool {
+        let surface = &self.state.surface;
+        let places: BTreeMap<u32, Vec3> = before.places.iter().copied().collect();
+        let old: Vec<[Vec3; 3]> =
+            before.triangles.iter().map(|(_, corners)| corners.map(|v| places[&v])).collect();
+        let added = &surface.triangles[before.n_triangles as usize..];
+        let new: Vec<[Vec3; 3]> = added
+            .iter()
+            .filter(|t| t[0] != GONE)
+            .map(|t| t.map(|v| rims::place(surface, v)))
+            .collect();
+        let most = MOST_LOST[usize::from(self.is_hole)] * self.extent;
+        let near = |from: &[[Vec3; 3]], to: &[[Vec3; 3]]| {
+            let is_near = |p: Vec3| to.iter().any(|&t| triangle_distance_sq(p, t) <= most * most);
+            from.iter().all(|&[a, b, c]| {
+                let middle = scale(add(a, add(b, c)), 1.0 / 3.0);
+                [a, b, c, middle].into_iter().all(is_near)
+            })
+        };
+        let Some(&[origin, ..]) = old.first() else { return true };
+        if new.is_empty() {
+            return old.iter().flatten().all(|&p| length_sq(sub(p, origin)) <= most * most);
+        }
+        if self.is_hole {
+            // It has a filling where nothing was.
+            return near(&old, &new);
+        }
+        let between = volume(old.iter().copied(), origin) - volume(new.iter().copied(), origin);
+        let is_near = near(&old, &new) && near(&new, &old);
+        let is_like = is_near || between.abs() <= self.volume_left;
+        self.volume_left -= if is_near || !is_like { 0.0 } else { between.abs() };
+        is_like
     }
 
     /// Fills loops; false if one of them cannot be.
@@ -246,7 +309,7 @@ impl<'a> Work<'a> {
                     self.state,
                     self.crossings,
                     (&rims[i], &inner),
-                    self.most_moved,
+                    MOST_MOVED * self.extent,
                     &mut filled,
                 )
         })
@@ -273,6 +336,15 @@ impl<'a> Work<'a> {
         back.extend(before.rings.iter().flat_map(|(_, ring)| ring));
         self.crossings.moved(surface, &back);
     }
+}
+
+/// The signed volume between triangles and a point.
+fn volume(triangles: impl Iterator<Item = [Vec3; 3]>, from: Vec3) -> f64 {
+    let of = |t: [Vec3; 3]| {
+        let [a, b, c] = t.map(|p| sub(p, from));
+        dot(a, cross(b, c)) / 6.0
+    };
+    triangles.map(of).sum()
 }
 
 /// The loops through vertices that are left of a cut; `None` where sheets only touch.

@@ -74,7 +74,7 @@ pub(crate) fn close(state: &mut MeshState, size: f64, yields: bool, simd: Simd) 
     rims.sort_by(|a, b| b.area().total_cmp(&a.area()).then(a.ring.cmp(&b.ring)));
     let parent = parents(&state.surface, &rims);
     let mut crossings = Crossings::new(&state.surface, simd);
-    let most = if yields { MOST_MOVED * extent(&state.surface) } else { 0.0 };
+    let most = if yields { MOST_MOVED * bounds(&state.surface).diagonal() } else { 0.0 };
     for (i, rim) in rims.iter().enumerate().filter(|&(i, _)| parent[i].is_none()) {
         let inner: Vec<&Rim> =
             (i + 1..rims.len()).filter(|&k| parent[k] == Some(i)).map(|k| &rims[k]).collect();
@@ -97,12 +97,12 @@ pub(crate) fn close(state: &mut MeshState, size: f64, yields: bool, simd: Simd) 
     filled
 }
 
-/// Diagonal of the box of the surface.
-fn extent(surface: &Surface) -> f64 {
+/// The box of the surface.
+fn bounds(surface: &Surface) -> Bounds {
     let mut bounds = Bounds::EMPTY;
     let all = surface.triangles.iter().filter(|t| t[0] != GONE).flatten();
     all.for_each(|&v| bounds.add(place(surface, v)));
-    bounds.diagonal()
+    bounds
 }
 
 /// Fills one loop around others once all of them have moved outwards, by at most this length, where no triangle at them comes to
