@@ -1,7 +1,7 @@
 //! Every command and option that takes a path, against every kind of bad path: refused with the documented exit
 //! code, before any work, and nothing on the disk is touched. docs/design/paths.md has the rules.
 
-use crate::common::{expect, run, scratch, start, stonecut};
+use crate::common::{expect, scratch, start, stonecut};
 use std::collections::BTreeMap;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
