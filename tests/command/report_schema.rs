@@ -144,7 +144,7 @@ fn reports_of_simplify_keep_the_schema() {
         ("--ratio 10% --optimize 1 --verify", 0),
         ("--ratio 10% --pairs --verify", 0),
         ("--ratio 10% --progressive out.pm", 0),
-        ("--ratio 10% --for print", 0),
+        ("--ratio 5% --for print", 3),
     ] {
         let command =
             format!("simplify in.ply out.ply {options} --force --restart --report r.json");

@@ -274,8 +274,12 @@ impl Driver {
                 self.mend();
                 self.close(true);
                 let mut crossings = Box::new(Crossings::new(&self.state.surface, self.simd));
-                all.add(excise(&mut self.state, &mut crossings, self.close_size, self.simd));
+                let now = excise(&mut self.state, &mut crossings, self.close_size, self.simd);
+                all.add(now);
                 self.crossings = Some(crossings);
+                if now.triangles == 0 {
+                    break;
+                }
             }
             self.changes.excised = Some(all);
             self.small_components = None;

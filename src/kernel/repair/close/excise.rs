@@ -2,7 +2,7 @@
 //! fillings would.
 //!
 //! Ring by ring, until every loop that is left has a filling that meets nothing; where a few rings do not do, or the filling lies far
-//! from what was cut out, all stays as it was: two bodies that cross are no slip of a scan, and cutting at them would take them away.
+//! from what was cut out, all stays as it was: two bodies that cross are not a slip of a scan, and cutting at them would take them away.
 
 use super::rims::{self, Rim, parents};
 use super::{FIRST, FilledHoles, MOST_MOVED, bounds, fill, fill_outwards};
@@ -64,9 +64,9 @@ pub(crate) fn excise(
     let mut n_left = 0;
     for t in 0..work.state.surface.triangles.len() as u32 {
         if let Some(other) = work.met(t).filter(|_| n_left < MOST_LEFT) {
-            let is_cut = work.cut_around(&[t, other]);
-            excised.pairs += u64::from(is_cut);
-            n_left += u64::from(!is_cut);
+            let cut = work.cut_around(&[t, other]);
+            excised.pairs += u64::from(cut == Cut::Closed);
+            n_left += cut.weight();
         }
     }
     n_left = 0;
@@ -82,9 +82,9 @@ pub(crate) fn excise(
             let around: BTreeSet<u32> =
                 rim.ring.iter().flat_map(|&v| surface.ring(v).iter().copied()).collect();
             let around: Vec<u32> = around.into_iter().collect();
-            let is_cut = work.cut_around(&around);
-            excised.holes += u64::from(is_cut);
-            n_left += u64::from(!is_cut);
+            let cut = work.cut_around(&around);
+            excised.holes += u64::from(cut == Cut::Closed);
+            n_left += cut.weight();
         }
     }
     excised.triangles = work.n_cut;
@@ -114,8 +114,19 @@ enum Cut {
     Closed,
     /// A loop has no filling that meets nothing.
     Open,
-    /// What was cut out lies far from what would close it.
+    /// The filling lies far from the part that was cut out.
     Far,
+}
+
+impl Cut {
+    /// Counts towards [`MOST_LEFT`]: bodies that cross have many such places.
+    fn weight(self) -> u64 {
+        match self {
+            Cut::Closed => 0,
+            Cut::Open => 1,
+            Cut::Far => 20,
+        }
+    }
 }
 
 struct Work<'a> {
@@ -127,7 +138,7 @@ struct Work<'a> {
     extent: f64,
     /// Volume that may yet lie between what is cut out and what it is closed with, where they are far apart.
     volume_left: f64,
-    /// Around holes there is nothing to compare a filling with.
+    /// A filling of a hole lies where nothing was.
     is_hole: bool,
     n_cut: u64,
 }
@@ -161,15 +172,14 @@ impl<'a> Work<'a> {
     }
 
     /// Cuts out triangles and rings around them until what is left can be closed.
-    fn cut_around(&mut self, seeds: &[u32]) -> bool {
+    fn cut_around(&mut self, seeds: &[u32]) -> Cut {
         let mut part: BTreeSet<u32> = seeds.iter().copied().collect();
         for _ in 0..MOST_RINGS {
             self.crossings.take_met();
             self.round_off(&mut part);
-            match self.cut(&part) {
-                Cut::Closed => return true,
-                Cut::Far => return false,
-                Cut::Open => {}
+            let cut = self.cut(&part);
+            if cut != Cut::Open {
+                return cut;
             }
             // What a filling met goes as well.
             let is_there = |&t: &u32| self.state.surface.triangles[t as usize][0] != GONE;
@@ -180,10 +190,10 @@ impl<'a> Work<'a> {
             part.extend(corners.iter().flat_map(|&v| surface.ring(v).iter().copied()));
             let [low, high] = MOST_TRIANGLES;
             if part.len() as u64 > (surface.n_alive / 100).clamp(low, high) {
-                return false;
+                return Cut::Open;
             }
         }
-        self.cut(&part) == Cut::Closed
+        self.cut(&part)
     }
 
     /// Takes in what is left around vertices where it would hang together in a corner alone: a loop that comes by twice has no filling.
@@ -282,12 +292,8 @@ impl<'a> Work<'a> {
         if new.is_empty() {
             return old.iter().flatten().all(|&p| length_sq(sub(p, origin)) <= most * most);
         }
-        if self.is_hole {
-            // It has a filling where nothing was.
-            return near(&old, &new);
-        }
         let between = volume(old.iter().copied(), origin) - volume(new.iter().copied(), origin);
-        let is_near = near(&old, &new) && near(&new, &old);
+        let is_near = near(&old, &new) && (self.is_hole || near(&new, &old));
         let is_like = is_near || between.abs() <= self.volume_left;
         self.volume_left -= if is_near || !is_like { 0.0 } else { between.abs() };
         is_like
