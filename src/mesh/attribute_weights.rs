@@ -23,7 +23,7 @@ const SEAM_SHARE: f64 = 0.002;
 /// Stride over the triangles and vertices of a sampled piece of mesh.
 const STRIDE: usize = 8;
 
-/// Kinds of attributes, with the weight of each where none was typed; other properties ride along.
+/// Kinds of attributes, with the weight of each where none was typed; other properties are carried unweighted.
 static KINDS: [(&str, ChannelKind, f64); 3] = [
     ("color", ChannelKind::Colour, 1.0),
     ("normal", ChannelKind::Normal, 0.0),

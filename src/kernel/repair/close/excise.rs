@@ -155,7 +155,8 @@ struct Before {
 impl<'a> Work<'a> {
     fn new(state: &'a mut MeshState, crossings: &'a mut Crossings, size: f64, simd: Simd) -> Self {
         let surface = &state.surface;
-        let (extent, middle) = (bounds(surface).diagonal(), bounds(surface).middle());
+        let around = bounds(surface);
+        let (extent, middle) = (around.diagonal(), around.middle());
         let all = surface.triangles.iter().filter(|t| t[0] != GONE);
         let volume = volume(all.map(|t| t.map(|v| rims::place(surface, v))), middle).abs();
         let volume_left = (MOST_VOLUME[0] * volume).max(MOST_VOLUME[1] * extent.powi(3));
