@@ -232,3 +232,28 @@ fn no_trial_outlives_its_job() {
     assert_eq!(names(at), ["in.ply", "o.ply", "o.trial-10000.ply"].map(str::to_owned).into());
     assert_eq!(std::fs::read(at.join("o.trial-10000.ply")).unwrap(), b"precious");
 }
+
+/// Cells that an attempt at a bound takes over from the one before it are as it would make them.
+#[test]
+fn cells_of_the_attempt_before_change_no_byte() {
+    let at = &scratch();
+    expect(at, "synth statue in.ply --triangles 20k", 0);
+    let bounded = |output: &str| {
+        format!("simplify in.ply {output} --max-error 2 --cell-triangles 1k -q --force")
+    };
+    expect(at, &bounded("whole.ply"), 0);
+    let earlier = at.join("o.ply.stonecut-job/trials/job/round-1-trial.survivors");
+    let mut child = start(at, &bounded("o.ply"));
+    while !earlier.exists() && child.try_wait().unwrap().is_none() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    // Without them, everything is made again.
+    if earlier.exists() {
+        std::fs::remove_file(&earlier).unwrap();
+    }
+    expect(at, &bounded("o.ply"), 0);
+    let read = |name: &str| std::fs::read(at.join(name)).unwrap();
+    assert!(read("o.ply") == read("whole.ply"));
+}

@@ -237,6 +237,10 @@ impl<'a> Course<'a> {
         if let (true, [first, _, ..]) = (self.layout.has_reach, self.rounds.as_slice()) {
             rows.push(row("first round", job.survivors(*first) as u64));
         }
+        // What later rounds have left in the attempt before: about as much as the result.
+        if matches!(self.config.target, Target::MaxError(_)) && !self.rounds.is_empty() {
+            rows.push(row("earlier attempt", self.planned_survivors()));
+        }
         // Origins of all rounds and the finish, and what they have left; then the map, and sorts for it.
         if self.config.map.is_some() {
             let finish = self.finishes.iter().flatten().map(|finish| finish.before);

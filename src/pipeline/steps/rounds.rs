@@ -210,9 +210,9 @@ impl SimplifyRun<'_> {
         }
     }
 
-    /// True if what the last round has left stays for another attempt.
+    /// True if what a round has left stays for another attempt.
     fn is_kept(&self) -> bool {
-        self.config.trial_of.is_some() && self.rounds_done <= 1
+        self.config.trial_of.is_some()
     }
 
     fn discard(&self, packs: &[SurvivorFile]) -> Result<()> {

@@ -8,6 +8,7 @@
 
 mod batch;
 mod cell_run;
+mod earlier;
 mod exact;
 mod ladder;
 mod memory;
@@ -20,6 +21,7 @@ pub use ladder::{Thresholds, descend, ladder, pilot_cells, pilot_sample};
 pub use memory::{fit_bytes, later_bytes, result_bytes, round_fit_bytes, work_bytes};
 pub use pilot::{PilotPart, pilot_part, thresholds_of};
 
+use earlier::Earlier;
 use ladder::spread_cells;
 use pilot::sealed_thresholds;
 use stonecut_kernel::{Stop, simplify_mesh};
@@ -67,7 +69,8 @@ pub fn simplify_cells(round: &CellRun) -> Result<SurvivorInfo> {
 }
 
 /// Simplifies every cell by itself as far as the bound of the options allows, and seals what is left of them.
-/// `goal.triangles`: the count to expect, for the memory.
+/// `goal.triangles`: the count to expect, for the memory. Cells that come out as in the attempt before are taken over from it,
+/// but for those of the first round, which all attempts have in common.
 pub fn simplify_cells_within_bound(round: &CellRun) -> Result<SurvivorInfo> {
     let CellRun { store, goal, options, context, .. } = round;
     let is_last = options.bound.is_none_or(|bound| bound.patience >= 1.0);
@@ -80,7 +83,20 @@ pub fn simplify_cells_within_bound(round: &CellRun) -> Result<SurvivorInfo> {
                 .sealed(&format!("round {} ladder", goal.round), || pilot::whole_ladder(store))?,
         ),
     };
-    round.write(|id| Ok(round.drain(store.load_tidy(id)?, stop.clone())))
+    if !is_last {
+        return round.write(|id| Ok(round.drain(store.load_tidy(id)?, stop.clone())));
+    }
+    let earlier = Earlier::open(round);
+    round.write(|id| {
+        let cell = store.load_tidy(id)?;
+        let key = earlier::key(&cell, store.layout(), options);
+        if let Some(left) = earlier.take(id, &key) {
+            return Ok(left);
+        }
+        let mut left = round.drain(cell, stop.clone());
+        left.statistics.key = key;
+        Ok(left)
+    })
 }
 
 /// For each channel the length that a difference of 1 is worth, from a sample of cells; empty if no channel

@@ -118,6 +118,9 @@ pub struct CellStatistics {
     /// Facts about the groups of a tree of tiles, a group for each cell; none in other jobs.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub groups: Vec<GroupRecord>,
+    /// Digest of what the result of a cell depends on, for another attempt at a bound; empty in sums, and elsewhere.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub key: String,
 }
 
 impl From<&Statistics> for CellStatistics {
@@ -132,13 +135,11 @@ impl From<&Statistics> for CellStatistics {
             reached: statistics.reached,
             reach: statistics.reach,
             fit: statistics.fit,
-            dropped: Dropped::default(),
             charts_vanished: statistics.charts_vanished,
             quality: statistics.quality.unwrap_or_default(),
             curve: statistics.curve.clone(),
             seam_vertices: statistics.seam_vertices,
-            is_flat: false,
-            groups: Vec::new(),
+            ..CellStatistics::default()
         }
     }
 }
@@ -270,11 +271,10 @@ impl Survivors {
             .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
             .collect();
         let corner = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-        let triangles = take(n_triangles.checked_mul(12)?)?
+        let triangles: Vec<[u32; 3]> = take(n_triangles.checked_mul(12)?)?
             .chunks_exact(12)
             .map(|b| [corner(&b[0..4]), corner(&b[4..8]), corner(&b[8..12])])
             .collect();
-        let triangles: Vec<[u32; 3]> = triangles;
         if triangles.as_flattened().iter().any(|&v| v as usize >= n_vertices) {
             return None;
         }

@@ -238,7 +238,8 @@ pub fn is_remainder(folder: &Path, output: &Path) -> bool {
 }
 
 /// Takes a job back to where only the stages whose names are kept are done, for another attempt at the rest; `attempt`
-/// counts from 1. Nothing happens if this attempt has begun, or if there is no job.
+/// counts from 1. Nothing happens if this attempt has begun, or if there is no job. Survivors of rounds that are to be done
+/// again stay by another name (`round-1-trial.survivors`).
 ///
 /// Errors: `Locked` when a living run works there.
 pub fn rewind(
@@ -259,7 +260,11 @@ pub fn rewind(
     view.outcomes.retain(|name, _| is_kept(name));
     // Before the outcomes are forgotten: a later stage would go on with what is left of its files.
     let packs: Vec<&str> = view.outcomes.values().flat_map(manifest::pack_names).collect();
-    clear_data_but(folder, disk, &packs)?;
+    clear_data_but(folder, disk, |name| match own_names::earlier_name(name) {
+        _ if packs.contains(&name) => Ok(true),
+        Some(earlier) => disk.rename(&folder.join(name), &folder.join(earlier)).map(|()| true),
+        None => Ok(own_names::is_earlier(name)),
+    })?;
     view.outcomes.insert(ATTEMPT.to_owned(), attempt.into());
     Manifest::replace(folder, disk, &view)
 }
@@ -314,11 +319,11 @@ pub fn sweep_scratch(folder: &Path) {
 }
 
 fn clear_data(folder: &Path, disk: &Disk) -> Result<()> {
-    clear_data_but(folder, disk, &[])
+    clear_data_but(folder, disk, |_| Ok(false))
 }
 
-/// Removes data and scratch, but for files of these names.
-fn clear_data_but(folder: &Path, disk: &Disk, kept: &[&str]) -> Result<()> {
+/// Removes data and scratch, but for the files that stay by their names.
+fn clear_data_but(folder: &Path, disk: &Disk, stays: impl Fn(&str) -> Result<bool>) -> Result<()> {
     clear_scratch(folder, disk)?;
     let trials = folder.join(TRIALS);
     if std::fs::symlink_metadata(&trials).is_ok() {
@@ -329,9 +334,10 @@ fn clear_data_but(folder: &Path, disk: &Disk, kept: &[&str]) -> Result<()> {
         std::fs::read_dir(folder).map_err(|e| Error::reading(folder, "cannot list", e))?;
     for entry in entries {
         let name = entry.map_err(|e| Error::reading(folder, "cannot list", e))?.file_name();
-        let ours = name.to_str().is_some_and(own_names::is_data);
-        if ours && !kept.iter().any(|kept| name == *kept) {
-            disk.remove(&folder.join(&name))?;
+        if let Some(name) = name.to_str().filter(|name| own_names::is_data(name))
+            && !stays(name)?
+        {
+            disk.remove(&folder.join(name))?;
         }
     }
     Ok(())
@@ -384,7 +390,8 @@ mod tests {
             ["manifest.jsonl", "round-1.survivors", "round-2.survivors", "round-3.cells"]
         );
         rewind(&folder, &disk, |name| name == "first", 2).unwrap();
-        assert_eq!(names(), ["manifest.jsonl", "round-1.survivors"]);
+        let left = ["manifest.jsonl", "round-1.survivors", "round-2-trial.survivors"];
+        assert_eq!(names(), left);
         let job = open();
         assert!(job.outcome::<serde_json::Value>("first").unwrap().is_some());
         assert!(job.outcome::<serde_json::Value>("second").unwrap().is_none());

@@ -52,6 +52,17 @@ pub(super) fn is_data(name: &str) -> bool {
         && words.all(|word| is_number(word) || WORDS.contains(&word))
 }
 
+/// The name under which an attempt at a bound finds what the one before has left of a round; `None` for other files.
+pub(super) fn earlier_name(name: &str) -> Option<String> {
+    let round = name.strip_prefix("round-")?.strip_suffix(".survivors")?;
+    is_number(round).then(|| format!("round-{round}-trial.survivors"))
+}
+
+/// Returns whether a name is such a one.
+pub(super) fn is_earlier(name: &str) -> bool {
+    name.ends_with("-trial.survivors")
+}
+
 /// Returns whether a name is that of a file of an attempt at a unit: `PHASE-0000.HOST-PROCESS-MARK.` before the name of a file of a
 /// stage.
 pub(super) fn is_of_attempt(name: &str) -> bool {
