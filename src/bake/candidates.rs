@@ -9,16 +9,7 @@ use stonecut_mesh::vec3::{cross, dot, length_sq, sub};
 /// Bounds of distances count up to this share of the lengths that they come from.
 pub(super) const SLACK: f64 = 1e-9;
 
-/// A triangle of the original that may be nearest to a point of a patch.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Near {
-    pub cell: u32,
-    pub slot: u32,
-    /// Distance from the middle of the patch.
-    pub off: f64,
-}
-
-/// The same with what bounds its distance.
+/// A triangle of the original that may be nearest to a point of a patch, with what bounds its distance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate {
     pub cell: u32,
@@ -35,7 +26,7 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
-    pub fn new(Near { cell, slot, .. }: Near, t: &[Vector; 3]) -> Candidate {
+    pub fn new((cell, slot): (u32, u32), t: &[Vector; 3]) -> Candidate {
         let (u, v) = (sub(t[1], t[0]), sub(t[2], t[0]));
         let n = cross(u, v);
         let (n_sq, longest_sq) = (length_sq(n), length_sq(u).max(length_sq(v)));
@@ -83,36 +74,45 @@ pub(super) const LANES: usize = 8;
 pub(super) struct PointGroup {
     /// Axis by axis.
     points: [[f64; LANES]; 3],
-    /// For each candidate a lower bound of the squared distance of each point.
+    /// For each candidate of the list a lower bound of the squared distance of each point.
     pub bounds_sq: Vec<[f64; LANES]>,
-    /// For each candidate its nearest places, once they have been found.
-    inside: Vec<Option<Inside<LANES>>>,
+    /// For each point the place in the list of the candidate whose bound is least.
+    pub likeliest: [u32; LANES],
+    /// For each candidate of the list the place of its nearest places in `inside`, once they have been found.
+    places: Vec<Option<u32>>,
+    inside: Vec<Inside<LANES>>,
+    /// Places in the list of candidates that `open` found.
+    pub opened: Vec<u32>,
 }
 
 impl PointGroup {
-    /// Takes other points, with the bounds of all candidates.
-    pub fn begin(&mut self, candidates: &[Candidate], points: &[(Vector, u32)]) {
+    /// Takes other points, with the bounds of the candidates of a list.
+    pub fn begin(&mut self, candidates: &[Candidate], list: &[Near], points: &[(Vector, u32)]) {
         for (lane, (point, _)) in points.iter().enumerate() {
             (0..3).for_each(|k| self.points[k][lane] = point[k]);
         }
         self.inside.clear();
-        self.inside.resize(candidates.len(), None);
+        self.places.clear();
+        self.places.resize(list.len(), None);
         self.bounds_sq.clear();
         let (points, out) = (&self.points, &mut self.bounds_sq);
-        wide::run(AllBounds { candidates, points, out });
+        self.likeliest = wide::run(AllBounds { candidates, list, points, out });
     }
 
-    /// The candidate whose bound for a point is least.
-    pub fn likeliest(&self, lane: usize) -> usize {
-        let bound = |i: usize| self.bounds_sq[i][lane];
-        (1..self.bounds_sq.len())
-            .fold(0, |least, i| if bound(i) < bound(least) { i } else { least })
+    /// Finds the candidates that any of the points may be nearer to than its limit.
+    pub fn open(&mut self, limits_sq: &[f64; LANES]) {
+        self.opened.clear();
+        wide::run(OpenBounds { bounds_sq: &self.bounds_sq, limits_sq, out: &mut self.opened });
     }
 
-    /// The same as `triangle::closest` of a point and candidate `i`, whose corners are given.
+    /// The same as `triangle::closest` of a point and the candidate at `i` of the list, whose corners are given.
     pub fn closest(&mut self, i: usize, lane: usize, t: &[Vector; 3]) -> (f64, [f64; 3]) {
         let points = &self.points;
-        let inside = self.inside[i].get_or_insert_with(|| wide::run(AllInside { points, t }));
+        let place = *self.places[i].get_or_insert_with(|| {
+            self.inside.push(wide::run(AllInside { points, t }));
+            self.inside.len() as u32 - 1
+        });
+        let inside = &self.inside[place as usize];
         let distance_sq = inside.distance_sq[lane];
         if distance_sq.is_nan() {
             return triangle::closest([0, 1, 2].map(|k| points[k][lane]), t);
@@ -122,24 +122,62 @@ impl PointGroup {
     }
 }
 
+/// A candidate in the list of some points.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Near {
+    pub candidate: u32,
+    /// A lower bound of its squared distance from the middle of the points.
+    pub bound_sq: f64,
+}
+
 struct AllBounds<'a> {
     candidates: &'a [Candidate],
+    list: &'a [Near],
     points: &'a [[f64; LANES]; 3],
     out: &'a mut Vec<[f64; LANES]>,
 }
 
 impl WideJob for AllBounds<'_> {
+    type Output = [u32; LANES];
+
+    #[inline(always)]
+    fn run(self) -> [u32; LANES] {
+        let [xs, ys, zs] = self.points;
+        let (mut least, mut likeliest) = ([f64::INFINITY; LANES], [0u64; LANES]);
+        for (i, near) in (0u64..).zip(self.list) {
+            let candidate = &self.candidates[near.candidate as usize];
+            let mut bounds = [0.0; LANES];
+            for lane in 0..LANES {
+                let bound = candidate.bound_sq([xs[lane], ys[lane], zs[lane]]);
+                likeliest[lane] = if bound < least[lane] { i } else { likeliest[lane] };
+                least[lane] = if bound < least[lane] { bound } else { least[lane] };
+                bounds[lane] = bound;
+            }
+            self.out.push(bounds);
+        }
+        likeliest.map(|i| i as u32)
+    }
+}
+
+struct OpenBounds<'a> {
+    bounds_sq: &'a [[f64; LANES]],
+    limits_sq: &'a [f64; LANES],
+    out: &'a mut Vec<u32>,
+}
+
+impl WideJob for OpenBounds<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let [xs, ys, zs] = self.points;
-        for candidate in self.candidates {
-            let mut bounds = [0.0; LANES];
-            for (lane, bound) in bounds.iter_mut().enumerate() {
-                *bound = candidate.bound_sq([xs[lane], ys[lane], zs[lane]]);
+        for (i, bounds) in (0u32..).zip(self.bounds_sq) {
+            let mut is_open = false;
+            for (bound, limit) in bounds.iter().zip(self.limits_sq) {
+                is_open |= bound <= limit;
             }
-            self.out.push(bounds);
+            if is_open {
+                self.out.push(i);
+            }
         }
     }
 }
@@ -170,7 +208,7 @@ mod tests {
             [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 1e-13, 0.0]],
         ];
         for t in &triangles {
-            let candidate = Candidate::new(Near { cell: 0, slot: 0, off: 0.0 }, t);
+            let candidate = Candidate::new((0, 0), t);
             for i in 0..343 {
                 let at = |k: usize| k as f64 * 0.5 - 1.5 + 0.03;
                 let point = [at(i % 7), at(i / 7 % 7), at(i / 49)];

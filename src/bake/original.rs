@@ -35,6 +35,8 @@ pub(super) struct Original {
     scratch: Scratch,
     numbers: Numbers,
     colours: Option<ColourChannels>,
+    /// For each material true if an image stands for the colours of vertices.
+    has_image: Vec<bool>,
     texture: Option<[usize; 2]>,
     normals: Normals,
     /// True if normal maps of the original are looked up.
@@ -77,7 +79,7 @@ pub(super) struct Hit {
     pub uv: [f32; 2],
     /// Texture coordinates per unit of length.
     pub per_unit: f32,
-    /// Colour of the vertices around, sRGB.
+    /// Colour of the vertices around, sRGB; white where an image stands for it.
     pub colour: [u8; 3],
     /// Shading normal of length 1; zeros where none is wanted or there is none.
     pub normal: [f32; 3],
@@ -127,6 +129,8 @@ pub(super) struct Face {
 pub(super) struct Cell {
     mesh: Mesh,
     material: Vec<u32>,
+    /// Texture coordinates per unit of length; 0 where that is not a number.
+    per_unit: Vec<f32>,
     /// Of the vertices, where they are computed.
     normals: Vec<[f32; 3]>,
     /// Of the corners of triangles, where normal maps are looked up.
@@ -191,6 +195,7 @@ impl Original {
             scratch,
             numbers,
             colours,
+            has_image: palette.paints.iter().map(|paint| paint.base.is_some()).collect(),
             texture,
             normals: match (options.normals, carried.and_then(|carried| carried.normal)) {
                 (false, _) => Normals::None,
@@ -332,7 +337,7 @@ impl Original {
         let tally = store.info().cells[cell];
         load_bytes(tally, store.layout())
             + Tree::bytes(tally.triangles)
-            + 4 * tally.triangles
+            + 8 * tally.triangles
             + self.normals.vertex_bytes() * tally.vertices
             + if self.has_frames { super::need::FRAME_WORK_BYTES * tally.triangles } else { 0 }
     }
@@ -361,7 +366,9 @@ impl Original {
             _ => Vec::new(),
         };
         let tree = Tree::build_until(mesh.triangles.len(), |i| mesh.corners(i), progress)?;
-        Ok(Cell { mesh, material, normals, tangents, tree })
+        let per_unit = (0..mesh.triangles.len()).map(|t| self.per_unit(&mesh, t));
+        let per_unit = per_unit.map(|n| if n.is_finite() { n } else { 0.0 }).collect();
+        Ok(Cell { mesh, material, per_unit, normals, tangents, tree })
     }
 
     /// Texture coordinates of a triangle's corners.
@@ -381,12 +388,11 @@ impl Original {
     /// Properties that all places on the triangle at a slot of a cell's tree share, seen from a side.
     pub fn face(&self, cell: &Cell, slot: u32, normal: Vector) -> Face {
         let triangle = cell.tree.id(slot) as usize;
-        let per_unit = self.per_unit(&cell.mesh, triangle);
         Face {
             triangle,
             first: triangle::rotation(&cell.mesh.corners(triangle)),
             uv: self.corner_uv(&cell.mesh, triangle),
-            per_unit: if per_unit.is_finite() { per_unit } else { 0.0 },
+            per_unit: cell.per_unit[triangle],
             faces: dot(triangle::area_normal(cell.tree.corners(slot)), normal) > 0.0,
         }
     }
@@ -397,7 +403,8 @@ impl Original {
         let t = face.triangle;
         // Back to the order of the mesh.
         let weights = triangle::rotate(weights, (3 - face.first) % 3);
-        let colour = self.colours.map_or([255; 3], |colours| {
+        let is_shown = !self.has_image.get(cell.material[t] as usize).is_some_and(|has| *has);
+        let colour = self.colours.filter(|_| is_shown).map_or([255; 3], |colours| {
             colours.channels.map(|channel| {
                 let value = |v: u32| f64::from(cell.mesh.channels_of(v)[channel]);
                 let terms = cell.mesh.triangles[t].iter().zip(weights);

@@ -1,8 +1,8 @@
 //! Charts on pages: the scale, the gutters and the places.
 //!
 //! Charts have no unit; the scale is looked for here, by packing again. A chart is placed by its outline: what it covers
-//! from above and from below in each column. It drops onto the charts that are there already, as it is or turned by 180
-//! degrees, where it leaves least room below it. There is a place for every number of charts: where texels are fewer than charts, charts share them.
+//! from above and from below in each column. It goes between the charts that are there already, or drops onto them, as it is or turned
+//! by 180 degrees, where it leaves least room below it. There is a place for every number of charts: where texels are fewer than charts, charts share them.
 
 use super::flatten::Flat;
 use super::horizon::{Filled, NOTHING, Outline, Place};

@@ -418,12 +418,11 @@ impl jpeg_encoder::ImageBuffer for &JpegRows<'_> {
             buffers[0].extend(row.iter().map(|pixel| pixel[k]));
             return;
         }
-        for &[r, g, b, _] in row {
-            let (luma, blue, red) = jpeg_encoder::rgb_to_ycbcr(r, g, b);
-            buffers[0].push(luma);
-            buffers[1].push(blue);
-            buffers[2].push(red);
-        }
+        // One after the other: each is many pixels at once for the compiler.
+        let values = |&[r, g, b, _]: &[u8; 4]| jpeg_encoder::rgb_to_ycbcr(r, g, b);
+        buffers[0].extend(row.iter().map(|pixel| values(pixel).0));
+        buffers[1].extend(row.iter().map(|pixel| values(pixel).1));
+        buffers[2].extend(row.iter().map(|pixel| values(pixel).2));
     }
 }
 

@@ -15,7 +15,7 @@ use std::sync::Arc;
 use stonecut_measure::tree::Nearest;
 use stonecut_measure::triangle::{self, Vector};
 use stonecut_mesh::bounds::Bounds;
-use stonecut_mesh::vec3::{length_sq, sub};
+use stonecut_mesh::vec3::length_sq;
 use stonecut_system::error::Result;
 use stonecut_system::parallel::in_order;
 use stonecut_system::progress::Progress;
@@ -31,6 +31,9 @@ const FEW_TRIANGLES: usize = 5;
 
 /// Triangles of a list for a point at most: a search in a tree costs about as much as listing this many.
 const TRIANGLES_PER_POINT: f64 = 0.5;
+
+/// Boxes that are looked at for a triangle of a list, at most.
+const BOXES: usize = 2;
 
 /// Triangles of a list at most.
 const MOST_TRIANGLES: usize = 256;
@@ -166,10 +169,15 @@ struct Solver {
     squares: Vec<Square>,
     /// Neighbouring points of a square, as they were given.
     runs: Vec<(u64, Range<usize>)>,
-    near: Vec<Near>,
     candidates: Vec<Candidate>,
+    /// The most of their slacks.
+    slack: f64,
+    /// Lists of candidates, that of a half behind that of the whole.
+    near: Vec<Near>,
     group: PointGroup,
-    found: Vec<Nearest>,
+    slots: Vec<u32>,
+    /// A triangle that may be nearest.
+    guess: u32,
 }
 
 /// Inputs of a patch.
@@ -264,7 +272,6 @@ impl Solver {
         let ball = Ball::around(squares);
         let n = n_points(squares);
         let most = (n as f64 * TRIANGLES_PER_POINT) as usize;
-        self.near.clear();
         match self.listed(patch, &ball, most.clamp(FEW_TRIANGLES, MOST_TRIANGLES)) {
             Listed::All => self.narrow(patch, (points, squares), &ball, 0),
             Listed::TooMany if n >= FEW_POINTS => {
@@ -287,8 +294,14 @@ impl Solver {
         for cell in std::iter::once(home).chain((0..boxes.len()).filter(|&cell| cell != home)) {
             if off(cell) < nearest_sq {
                 let Some(held) = &patch.held[cell] else { return Listed::NotHere };
+                // What was nearest to other points is not far from these.
+                let guess = held.tree.guess(ball.middle, self.guess);
                 let within = Nearest { distance_sq: nearest_sq, ..Nearest::NONE };
-                nearest_sq = held.tree.nearest(ball.middle, within).distance_sq;
+                let is_near = guess.distance_sq < nearest_sq;
+                let found = held.tree.nearest(ball.middle, if is_near { guess } else { within });
+                if found.is_found() {
+                    (nearest_sq, self.guess) = (found.distance_sq, found.slot);
+                }
             }
         }
         if nearest_sq.is_infinite() {
@@ -296,19 +309,39 @@ impl Solver {
         }
         let reach = ball.reach(nearest_sq.sqrt());
         let reach_sq = reach * reach;
+        self.candidates.clear();
+        self.slack = 0.0;
         for cell in (0..boxes.len()).filter(|&cell| off(cell) <= reach_sq) {
             let Some(held) = &patch.held[cell] else { return Listed::NotHere };
-            self.found.clear();
-            if !held.tree.within(ball.middle, reach_sq, most, &mut self.found) {
+            self.slots.clear();
+            if !held.tree.boxes_within(ball.middle, reach_sq, BOXES * most, &mut self.slots) {
                 return Listed::TooMany;
             }
-            let near = |found: &Nearest| {
-                let off = found.distance_sq.sqrt();
-                Near { cell: cell as u32, slot: found.slot, off }
-            };
-            self.near.extend(self.found.iter().map(near));
+            for &slot in &self.slots {
+                let candidate = Candidate::new((cell as u32, slot), held.tree.corners(slot));
+                self.slack = candidate.slack.max(self.slack);
+                self.candidates.push(candidate);
+            }
         }
+        self.near.clear();
+        for (candidate, own) in (0..).zip(&self.candidates) {
+            self.near.push(Near { candidate, bound_sq: own.bound_sq(ball.middle) });
+        }
+        self.shorten(0, reach);
         if self.near.len() <= most { Listed::All } else { Listed::TooMany }
+    }
+
+    /// Leaves those in the list from `begin` on that may be within `reach` of the points' middle.
+    fn shorten(&mut self, begin: usize, reach: f64) {
+        let limit_sq = (reach + self.slack) * (reach + self.slack);
+        let mut kept = begin;
+        for i in begin..self.near.len() {
+            if self.near[i].bound_sq <= limit_sq {
+                self.near[kept] = self.near[i];
+                kept += 1;
+            }
+        }
+        self.near.truncate(kept);
     }
 
     /// Halves the points while their list, which begins at `from`, is long; the shorter list of a half follows behind it.
@@ -321,82 +354,86 @@ impl Solver {
     ) {
         let n = self.near.len() - from;
         if n <= FEW_TRIANGLES || n_points(squares) < FEW_POINTS {
-            self.candidates.clear();
-            for near in &self.near[from..] {
-                let Some(cell) = &patch.held[near.cell as usize] else { continue };
-                self.candidates.push(Candidate::new(*near, cell.tree.corners(near.slot)));
-            }
             for square in &*squares {
-                self.measure(patch, &points[square.points.clone()]);
+                self.measure(patch, &points[square.points.clone()], from);
             }
             return;
         }
         self.halve((points, squares), ball.axis, |solver, points, half| {
             let own = Ball::around(half);
-            let moved = length_sq(sub(own.middle, ball.middle)).sqrt();
             let begin = solver.near.len();
-            let mut nearest = f64::INFINITY;
+            let mut least = (f64::INFINITY, 0);
             for i in from..begin {
-                let mut candidate = solver.near[i];
-                // No nearer than it was to the parent's middle, less the way from there.
-                let least = candidate.off - moved - ball.slack;
-                if least > own.reach(nearest) {
-                    continue;
+                let candidate = solver.near[i].candidate;
+                let bound_sq = solver.candidates[candidate as usize].bound_sq(own.middle);
+                if bound_sq < least.0 {
+                    least = (bound_sq, candidate);
                 }
-                let cell = patch.held[candidate.cell as usize].as_ref();
-                let Some(cell) = cell else { continue };
-                let t = cell.tree.corners(candidate.slot);
-                candidate.off = triangle::closest(own.middle, t).0.sqrt();
-                nearest = nearest.min(candidate.off);
-                solver.near.push(candidate);
+                solver.near.push(Near { candidate, bound_sq });
             }
-            let reach = own.reach(nearest);
-            let mut kept = begin;
-            for i in begin..solver.near.len() {
-                if solver.near[i].off <= reach {
-                    solver.near[kept] = solver.near[i];
-                    kept += 1;
-                }
-            }
-            solver.near.truncate(kept);
+            let likeliest = &solver.candidates[least.1 as usize];
+            let Some(cell) = &patch.held[likeliest.cell as usize] else { return };
+            let nearest_sq = triangle::closest(own.middle, cell.tree.corners(likeliest.slot)).0;
+            solver.shorten(begin, own.reach(nearest_sq.sqrt()));
             solver.narrow(patch, (points, half), &own, begin);
             solver.near.truncate(begin);
         });
     }
 
-    /// Finds the places of points among the candidates.
-    fn measure(&mut self, patch: &Patch, points: &[(Vector, u32)]) {
-        let (candidates, group) = (&self.candidates, &mut self.group);
-        let Some(first) = candidates.first() else { return };
-        let many_cells = candidates.iter().any(|candidate| candidate.cell != first.cell);
+    /// Finds the places of points among the candidates of the list that begins at `from`.
+    fn measure(&mut self, patch: &Patch, points: &[(Vector, u32)], from: usize) {
+        let (list, group) = (&self.near[from..], &mut self.group);
+        let candidate_at = |i: usize| &self.candidates[list[i].candidate as usize];
+        if list.is_empty() {
+            return;
+        }
+        let cell = candidate_at(0).cell;
+        let many_cells = (1..list.len()).any(|i| candidate_at(i).cell != cell);
         let largest = points
             .first()
             .map_or(0.0, |(at, _)| at.iter().fold(0.0, |most: f64, x| most.max(x.abs())));
-        let slack = candidates.iter().fold(0.0, |most: f64, candidate| most.max(candidate.slack))
-            + 4.0 * COORDINATE_SLACK * largest;
+        let slack = self.slack + 4.0 * COORDINATE_SLACK * largest;
+        let limit_sq = |distance_sq: f64| {
+            let limit = distance_sq.sqrt() * (1.0 + SLACK) + slack;
+            limit * limit
+        };
+        let corners = |candidate: &Candidate| {
+            let cell = patch.held[candidate.cell as usize].as_ref()?;
+            Some((cell, cell.tree.corners(candidate.slot)))
+        };
         let mut seen: Option<(u32, u32, Face)> = None;
+        let mut likeliest = [(0.0, [0.0; 3]); LANES];
         for (at, &(point, number)) in points.iter().enumerate() {
             let lane = at % LANES;
             if lane == 0 {
-                group.begin(candidates, &points[at..points.len().min(at + LANES)]);
+                let points = &points[at..points.len().min(at + LANES)];
+                group.begin(&self.candidates, list, points);
+                let mut limits_sq = [-1.0; LANES];
+                for lane in 0..points.len() {
+                    let i = group.likeliest[lane] as usize;
+                    let Some((_, t)) = corners(candidate_at(i)) else { return };
+                    likeliest[lane] = group.closest(i, lane, t);
+                    limits_sq[lane] = limit_sq(likeliest[lane].0);
+                }
+                group.open(&limits_sq);
             }
-            let mut best = Nearest::NONE;
-            let first = group.likeliest(lane);
-            let (mut of_best, mut weights, mut limit_sq) = (first, [0.0; 3], f64::INFINITY);
+            let mut of_best = group.likeliest[lane] as usize;
+            let (distance_sq, mut weights) = likeliest[lane];
+            let mut best = Nearest { distance_sq, slot: candidate_at(of_best).slot };
+            let mut limit = limit_sq(distance_sq);
             // Equally near ones in several cells.
             let mut ties = Vec::new();
-            // The likeliest first, then those before it and behind it.
-            for k in 0..candidates.len() {
-                let i = if k == 0 { first } else { k - usize::from(k <= first) };
-                let candidate = &candidates[i];
-                if k > 0 && group.bounds_sq[i][lane] > limit_sq {
+            for k in 0..group.opened.len() {
+                let i = group.opened[k] as usize;
+                if i == group.likeliest[lane] as usize || group.bounds_sq[i][lane] > limit {
                     continue;
                 }
-                let Some(cell) = &patch.held[candidate.cell as usize] else { continue };
-                let (distance_sq, own) = group.closest(i, lane, cell.tree.corners(candidate.slot));
+                let candidate = candidate_at(i);
+                let Some((cell, t)) = corners(candidate) else { continue };
+                let (distance_sq, own) = group.closest(i, lane, t);
                 if many_cells
                     && distance_sq == best.distance_sq
-                    && candidate.cell != candidates[of_best].cell
+                    && candidate.cell != candidate_at(of_best).cell
                 {
                     ties.push(i);
                     continue;
@@ -406,12 +443,10 @@ impl Solver {
                         ties.clear();
                     }
                     best = Nearest { distance_sq, slot: candidate.slot };
-                    (of_best, weights) = (i, own);
-                    let limit = distance_sq.sqrt() * (1.0 + SLACK) + slack;
-                    limit_sq = limit * limit;
+                    (of_best, weights, limit) = (i, own, limit_sq(distance_sq));
                 }
             }
-            let candidate = &candidates[of_best];
+            let candidate = candidate_at(of_best);
             let Some(cell) = &patch.held[candidate.cell as usize] else { continue };
             let face = match seen {
                 Some((number, slot, face))
@@ -423,7 +458,7 @@ impl Solver {
             };
             seen = Some((candidate.cell, candidate.slot, face));
             let mut hit = patch.original.hit(cell, &face, (best.distance_sq, weights));
-            for candidate in ties.iter().map(|&i| &candidates[i]) {
+            for candidate in ties.iter().map(|&i| candidate_at(i)) {
                 let Some(cell) = &patch.held[candidate.cell as usize] else { continue };
                 let face = patch.original.face(cell, candidate.slot, patch.normal);
                 let found = triangle::closest(point, cell.tree.corners(candidate.slot));

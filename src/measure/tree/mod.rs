@@ -74,6 +74,49 @@ impl<A: Fn(&[Vector; 3]) -> bool, L: FnMut()> WideJob for TreeSearch<'_, A, L> {
     }
 }
 
+/// A list of the boxes around a point.
+struct BoxSearch<'a> {
+    tree: &'a Tree,
+    point: Vector,
+    reach_sq: f64,
+    most: usize,
+    out: &'a mut Vec<u32>,
+}
+
+impl WideJob for BoxSearch<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        let BoxSearch { tree, point, reach_sq, most, out } = self;
+        let (query, limit) = (tree.frame.query(point), tree.frame.limit(reach_sq));
+        let mut stack = [0u32; STACK];
+        stack[0] = tree.root;
+        let mut height = 1;
+        while height > 0 {
+            height -= 1;
+            let at = stack[height];
+            if at & TILTED != 0 || out.len() > most {
+                return false;
+            }
+            let node = &tree.nodes[at as usize];
+            let bounds = node.bounds(&query);
+            for (&bound, &child) in bounds.iter().zip(&node.child).take(node.n_children as usize) {
+                if bound > limit {
+                    continue;
+                }
+                if child & LEAF != 0 {
+                    out.push(child & !LEAF);
+                } else {
+                    stack[height] = child;
+                    height += 1;
+                }
+            }
+        }
+        out.len() <= most
+    }
+}
+
 impl Tree {
     /// Number of triangles.
     pub fn len(&self) -> usize {
@@ -147,48 +190,17 @@ impl Tree {
         found
     }
 
-    /// Lists the triangles whose distance from `point` is at most the root of `reach_sq`, with their squared distances.
+    /// Lists the slots of triangles whose boxes are at most the root of `reach_sq` from `point`.
     ///
     /// Returns false if there are more than `most`, or if the boxes there are tilted: the list is of no use then.
-    pub fn within(
+    pub fn boxes_within(
         &self,
         point: Vector,
         reach_sq: f64,
         most: usize,
-        out: &mut Vec<Nearest>,
+        out: &mut Vec<u32>,
     ) -> bool {
-        if self.is_empty() {
-            return true;
-        }
-        let (query, limit) = (self.frame.query(point), self.frame.limit(reach_sq));
-        let mut stack = [0u32; STACK];
-        stack[0] = self.root;
-        let (mut height, mut n) = (1, 0);
-        while height > 0 {
-            height -= 1;
-            let at = stack[height];
-            if at & LEAF != 0 {
-                let slot = at & !LEAF;
-                let (distance_sq, _) = triangle::closest(point, &self.corners[slot as usize]);
-                if distance_sq <= reach_sq {
-                    n += 1;
-                    out.push(Nearest { distance_sq, slot });
-                }
-                continue;
-            }
-            if at & TILTED != 0 || n > most {
-                return false;
-            }
-            let node = &self.nodes[at as usize];
-            let bounds = node.bounds(&query);
-            for (&bound, &child) in bounds.iter().zip(&node.child).take(node.n_children as usize) {
-                if bound <= limit {
-                    stack[height] = child;
-                    height += 1;
-                }
-            }
-        }
-        n <= most
+        self.is_empty() || run(BoxSearch { tree: self, point, reach_sq, most, out })
     }
 
     fn search(

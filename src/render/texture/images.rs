@@ -23,8 +23,8 @@ pub struct Decoded {
     /// Halvings of the image before the first of the levels.
     n_left_out: usize,
     levels: Vec<OnceLock<ImageLevel>>,
-    /// True if any of its pixels is not opaque.
-    has_opacity: bool,
+    /// True if any of its pixels is not opaque; looked at when it is first asked for.
+    has_opacity: OnceLock<bool>,
 }
 
 /// Pixels in rows of a width.
@@ -70,11 +70,10 @@ impl Decoded {
 
     fn of_level(first: ImageLevel) -> Decoded {
         let size = first.size;
-        let has_opacity = first.pixels.iter().any(|pixel| pixel[3] < 255);
         let n_levels = 1 + size[0].max(size[1]).max(1).ilog2() as usize;
         let mut levels = vec![OnceLock::from(first)];
         levels.resize_with(n_levels, OnceLock::new);
-        Decoded { n_left_out: 0, levels, has_opacity }
+        Decoded { n_left_out: 0, levels, has_opacity: OnceLock::new() }
     }
 
     /// The image after some halvings, or as often as it can be halved; made when it is first asked for.
@@ -90,7 +89,9 @@ impl Decoded {
     /// opaque, otherwise the brightness of its values, not of their light.
     pub fn opacity_of(&self, light: Light) -> f32 {
         let [r, g, b, a] = pixel_of(light).map(|x| f32::from(x) / 255.0);
-        if self.has_opacity { a } else { (r + g + b) / 3.0 }
+        let is_clear = |level: &ImageLevel| level.pixels.iter().any(|pixel| pixel[3] < 255);
+        let has_opacity = || self.levels[0].get().is_some_and(is_clear);
+        if *self.has_opacity.get_or_init(has_opacity) { a } else { (r + g + b) / 3.0 }
     }
 
     /// The colour at coordinates, mixed of four texels, in the size in which a point is about `width` texels of the
@@ -533,7 +534,7 @@ mod tests {
             let decoded = Decoded::new(&picture(is_opaque), 0).unwrap();
             assert_eq!(decoded.levels.len(), 3);
             assert_eq!(decoded.level(2, &LightTable::new()).pixels, [seen]);
-            assert_eq!(decoded.has_opacity, !is_opaque);
+            assert_eq!(decoded.opacity_of([0.0, 0.0, 0.0, 1.0]), f32::from(u8::from(!is_opaque)));
         }
     }
 }
