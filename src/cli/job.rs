@@ -72,7 +72,7 @@ pub(crate) fn run_job(
                 Some(_) => optimize::simplify(prepared.into_source(), config, progress),
                 None => methods::simplify(*prepared, config, progress),
             }?;
-            close(&mut report, progress);
+            close(&mut report, config, progress);
             return Ok(Some(report));
         }
     };
@@ -87,7 +87,7 @@ pub(crate) fn run_job(
         None => pipeline::simplify(prepared, progress),
     }?;
     if let Some(report) = &mut report {
-        close(report, progress);
+        close(report, config, progress);
         let is_less = report.is_short() || report.losses.has_whole();
         report.done = record(config, marks, if is_less { EXIT_SHORT } else { 0 });
         if let (Some(done), false) = (&report.done, config.output == Path::new("-")) {

@@ -124,7 +124,7 @@ fn attempt(args: &Args, session: &mut Session) -> Result<()> {
         Work::Before => session.log.say(format!("{}: done before", args.unit)),
         Work::Now(None) => session.log.say(format!("{}: done", args.unit)),
         Work::Now(Some(mut done)) => {
-            close(&mut done, progress);
+            close(&mut done, &config, progress);
             tell(&done, session.talk, session.log);
             if report.is_some() {
                 let to =

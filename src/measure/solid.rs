@@ -10,7 +10,6 @@ use crate::temp_store::Cutting;
 use stonecut_io::ply::MeshSource;
 use stonecut_mesh::Mesh;
 use stonecut_mesh::bounds::Bounds;
-use stonecut_mesh::topology_counts;
 use stonecut_mesh::union_find::Union;
 use stonecut_mesh::vec3::place_bits;
 use stonecut_system::error::Result;
@@ -81,7 +80,6 @@ fn of_mesh(mut mesh: Mesh, largest: f64) -> Solid {
     }
     mesh.triangles.iter_mut().for_each(|t| *t = t.map(|v| first[v as usize]));
     mesh.triangles.retain(|[a, b, c]| a != b && b != c && c != a);
-    let topology = topology_counts::of_triangles(n, &mesh.triangles);
     // Each side with its corners, the lesser vertex first.
     let mut sides: Vec<([u32; 2], [u32; 2])> = Vec::with_capacity(3 * mesh.triangles.len());
     for (t, corners) in mesh.triangles.iter().enumerate() {
@@ -92,14 +90,21 @@ fn of_mesh(mut mesh: Mesh, largest: f64) -> Solid {
     }
     sides.sort_unstable();
     let (mut fans, mut loops) = (Union::new(3 * mesh.triangles.len()), Union::new(n));
-    let mut open = Vec::new();
+    let (mut open, mut inconsistent_edges, mut non_manifold_edges) = (Vec::new(), 0, 0);
+    let is_forwards = |[i, k]: [u32; 2]| (k + 3 - i) % 3 == 1;
     for edge in sides.chunk_by(|a, b| a.0 == b.0) {
         for (_, corners) in &edge[1..] {
             (0..2).for_each(|end| fans.join(edge[0].1[end], corners[end]));
         }
-        if let [([a, b], _)] = edge {
-            loops.join(*a, *b);
-            open.push([*a, *b]);
+        match *edge {
+            [([a, b], _)] => {
+                loops.join(a, b);
+                open.push([a, b]);
+            }
+            [(_, a), (_, b)] => {
+                inconsistent_edges += u64::from(is_forwards(a) == is_forwards(b));
+            }
+            _ => non_manifold_edges += 1,
         }
     }
     let corners = mesh.triangles.iter().flatten().zip(fans.into_roots());
@@ -124,9 +129,9 @@ fn of_mesh(mut mesh: Mesh, largest: f64) -> Solid {
         open_edges,
         open_loops: Some(open_loops),
         larger_holes: Some(larger_holes),
-        non_manifold_edges: topology.non_manifold_edges,
+        non_manifold_edges,
         touching_vertices: Some(touching as u64),
-        inconsistent_edges: topology.inconsistent_edges,
+        inconsistent_edges,
         ..Solid::default()
     }
 }

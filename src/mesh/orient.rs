@@ -28,11 +28,7 @@ pub fn orient(triangles: &mut [[u32; 3]], n_vertices: usize) -> Oriented {
 
 /// As `orient`, for meshes of which only few neighbours may disagree: looks at all of them.
 pub fn orient_all(triangles: &mut [[u32; 3]]) -> Oriented {
-    let pairs = pairs(triangles);
-    let mut first = vec![0u32; triangles.len() + 1];
-    pairs.iter().for_each(|pair| first[pair.0 as usize + 1] += 1);
-    (1..first.len()).for_each(|t| first[t] += first[t - 1]);
-    let of = |t: u32| &pairs[first[t as usize] as usize..first[t as usize + 1] as usize];
+    let neighbours = neighbours(triangles);
     let mut is_turned: Vec<Option<bool>> = vec![None; triangles.len()];
     let mut component = Vec::new();
     let mut oriented = Oriented::default();
@@ -49,7 +45,8 @@ pub fn orient_all(triangles: &mut [[u32; 3]]) -> Oriented {
             at += 1;
             let own = is_turned[t as usize] == Some(true);
             turned += usize::from(own);
-            for &(_, other, agrees) in of(t) {
+            let around = neighbours[t as usize];
+            for (other, agrees) in around.into_iter().take_while(|&(other, _)| other != u32::MAX) {
                 let wanted = own == agrees;
                 match is_turned[other as usize] {
                     None => {
@@ -95,24 +92,42 @@ fn disagrees(triangles: &[[u32; 3]], n_vertices: usize) -> bool {
     around.iter().any(|&(all, sum)| all == 0 && sum != 0)
 }
 
-/// Both ways between the two triangles of each edge that has two, and whether they agree; in the order of the first.
-fn pairs(triangles: &[[u32; 3]]) -> Vec<(u32, u32, bool)> {
-    let mut sides: Vec<([u32; 2], u32, bool)> = Vec::with_capacity(3 * triangles.len());
-    for (t, &[a, b, c]) in (0u32..).zip(triangles) {
-        sides.extend([(a, b), (b, c), (c, a)].map(|(a, b)| ([a.min(b), a.max(b)], t, a < b)));
+/// For each triangle the others at its edges of two triangles, and whether they agree, in order; then `u32::MAX`.
+fn neighbours(triangles: &[[u32; 3]]) -> Vec<[(u32, bool); 3]> {
+    let sides = || {
+        (0u32..).zip(triangles).flat_map(|(t, &[a, b, c])| {
+            [(a, b), (b, c), (c, a)].map(|(a, b)| (a.min(b), (a.max(b), t, a < b)))
+        })
+    };
+    // Sides by their lesser vertex: first the ends of its places, which become their beginnings.
+    let n = triangles.iter().flatten().max().map_or(0, |&v| v as usize + 1);
+    let mut first = vec![0u32; n + 1];
+    sides().for_each(|(v, _)| first[v as usize] += 1);
+    (1..=n).for_each(|v| first[v] += first[v - 1]);
+    let mut sorted = vec![(0, 0, false); 3 * triangles.len()];
+    for (v, side) in sides() {
+        first[v as usize] -= 1;
+        sorted[first[v as usize] as usize] = side;
     }
-    sides.sort_unstable();
-    let mut pairs = Vec::with_capacity(sides.len());
-    for edge in sides.chunk_by(|a, b| a.0 == b.0) {
-        if let &[(_, s, ahead), (_, t, other)] = edge
-            && s != t
-        {
-            pairs.extend([(s, t, ahead != other), (t, s, ahead != other)]);
+    let mut neighbours = vec![[(u32::MAX, false); 3]; triangles.len()];
+    let mut add = |t: u32, neighbour| {
+        let free = neighbours[t as usize].iter_mut().find(|(other, _)| *other == u32::MAX);
+        *free.expect("a triangle has three sides") = neighbour;
+    };
+    for v in 0..n {
+        let sides = &mut sorted[first[v] as usize..first[v + 1] as usize];
+        sides.sort_unstable();
+        for edge in sides.chunk_by(|a, b| a.0 == b.0) {
+            if let &[(_, s, ahead), (_, t, other)] = edge
+                && s != t
+            {
+                add(s, (t, ahead != other));
+                add(t, (s, ahead != other));
+            }
         }
     }
-    drop(sides);
-    pairs.sort_unstable();
-    pairs
+    neighbours.iter_mut().for_each(|around| around.sort_unstable());
+    neighbours
 }
 
 #[cfg(test)]

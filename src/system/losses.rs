@@ -203,6 +203,12 @@ impl Ledger {
         self.enter(loss, |known, new| known + new);
     }
 
+    /// Makes losses of a kind that the output was not wanted for notices.
+    pub fn excuse(&mut self, kind: LossKind) {
+        let of_kind = self.entries.iter_mut().filter(|loss| loss.kind == kind);
+        of_kind.for_each(|loss| loss.severity = Severity::Notice);
+    }
+
     /// Puts another name in the place of a folder's.
     pub fn rename(&mut self, from: &str, to: &str) {
         self.entries.iter_mut().for_each(|loss| loss.rename(from, to));

@@ -3,7 +3,7 @@
 //! Stages only count; they never print. The command line reads the counters from a separate thread and
 //! draws a bar, writes lines or JSON, or does nothing.
 
-use super::losses::{Ledger, Loss};
+use super::losses::{Ledger, Loss, LossKind};
 use crate::error::{Error, Result};
 use serde_json::Value;
 use std::fs::File;
@@ -148,6 +148,11 @@ impl Progress {
     /// Enters what a reader, a plan or a writer has gathered; the same again does not count twice.
     pub fn lose_all(&self, losses: &Ledger) {
         self.ledger().merge(losses);
+    }
+
+    /// Makes losses of a kind that the output was not wanted for notices.
+    pub fn excuse(&self, kind: LossKind) {
+        self.ledger().excuse(kind);
     }
 
     /// The losses so far.

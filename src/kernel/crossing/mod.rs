@@ -9,12 +9,13 @@ mod hubs;
 mod screen;
 pub(crate) mod tree;
 
+use crate::simd::unchecked::prefetch;
 use crate::simd::{Job, Lanes, Portable, Simd};
 use crate::surface::Surface;
 use crate::vertex::GONE;
 use facet::{Facet, is_graph};
 use hubs::Hubs;
-use screen::{Around, Screen, Seen, fetch};
+use screen::{AT_ONCE, Around, Screen, Seen};
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::corners::others;
 use stonecut_mesh::steps;
@@ -133,20 +134,26 @@ impl Crossings {
         let Some(screen) = Screen::<L>::new(surface, &around, &change.place) else { return false };
         tree.touching::<L>(&whole, near);
         steps::count(near.len());
-        fetch(surface, near);
-        screen.begin(seen);
-        for &t in near.iter() {
-            let triangle = surface.triangles[t as usize];
-            if triangle[0] == GONE || change.ends.iter().any(|end| triangle.contains(end)) {
-                continue;
+        near.iter().for_each(|&t| prefetch(&surface.triangles, t));
+        let mut others = [[0; 3]; AT_ONCE];
+        for near in near.chunks_mut(AT_ONCE) {
+            // Those of the ends go, without a branch that nothing predicts.
+            let mut n = 0;
+            for i in 0..near.len() {
+                let (t, [a, b, c]) = (near[i], surface.triangles[near[i] as usize]);
+                (near[n], others[n]) = (t, [a, b, c]);
+                let is_of = |end: u32| (a == end) | (b == end) | (c == end);
+                n += usize::from(!((a == GONE) | is_of(change.ends[0]) | is_of(change.ends[1])));
             }
-            let mut left = screen.left(surface, triangle, seen);
-            if left == 0 {
-                continue;
-            }
-            left &= hulls.bits::<L>(&tree.of(t));
-            if left != 0 && meets_any(surface, change, left, triangle) {
-                return false;
+            screen.look(surface, &others[..n], seen);
+            for i in 0..n {
+                let left = screen.left(i, seen);
+                if left != 0 {
+                    let left = left & hulls.bits::<L>(&tree.of(near[i]));
+                    if left != 0 && meets_any(surface, change, left, others[i]) {
+                        return false;
+                    }
+                }
             }
         }
         true
@@ -183,15 +190,25 @@ impl Crossings {
         self.near(surface, except, 1) == 0
     }
 
-    /// A triangle that meets this one, hubs left out.
-    pub(crate) fn met_by(&mut self, surface: &Surface, t: u32) -> Option<u32> {
+    /// From a triangle on, the first that meets another one, and that one; hubs left out.
+    pub(crate) fn next_pair(
+        &mut self,
+        surface: &Surface,
+        from: u32,
+        simd: Simd,
+    ) -> Option<[u32; 2]> {
+        simd.run(NextPair { crossings: self, surface, from })
+    }
+
+    #[inline(always)]
+    fn met_by<L: Lanes>(&mut self, surface: &Surface, t: u32) -> Option<u32> {
         let of = |t: u32| {
             let triangle = surface.triangles[t as usize];
             Facet::new(triangle, corners(surface, triangle))
         };
         let own = of(t);
         let hull = self.tree.of(t);
-        self.tree.touching::<Portable>(&hull, &mut self.near);
+        self.tree.touching::<L>(&hull, &mut self.near);
         let mut near = self.near.iter().copied();
         // What has vanished may have left its box.
         let is_there = |&other: &u32| surface.triangles[other as usize][0] != GONE;
@@ -290,6 +307,29 @@ impl Job for Look<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> bool {
         self.crossings.admits::<L>(self.surface, self.change)
+    }
+}
+
+/// A search for the next pair with the lanes of a processor.
+struct NextPair<'a> {
+    crossings: &'a mut Crossings,
+    surface: &'a Surface,
+    from: u32,
+}
+
+impl Job for NextPair<'_> {
+    type Output = Option<[u32; 2]>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Option<[u32; 2]> {
+        for t in self.from..self.surface.triangles.len() as u32 {
+            if self.surface.triangles[t as usize][0] != GONE
+                && let Some(other) = self.crossings.met_by::<L>(self.surface, t)
+            {
+                return Some([t, other]);
+            }
+        }
+        None
     }
 }
 

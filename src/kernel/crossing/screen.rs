@@ -10,6 +10,7 @@ use crate::simd::Lanes;
 use crate::simd::unchecked::prefetch;
 use crate::surface::Surface;
 use crate::vertex::Vertex;
+use std::hint::select_unpredictable;
 use stonecut_mesh::vec3::Vec3;
 
 /// Most triangles around the vertex.
@@ -22,7 +23,9 @@ const ROUNDING: f32 = 16.0 * f32::EPSILON;
 /// Lengths are taken for at least that, so that a bound does not vanish where products underflow.
 const LEAST: f32 = 1e-10;
 const LEAST_PRODUCT: f32 = 1e-25;
-/// Corners whose sides are remembered; a power of two.
+/// Triangles that are held against the new ones at once.
+pub(super) const AT_ONCE: usize = 64;
+/// Room for their corners, by the last bits of their numbers; a power of two.
 const REMEMBERED: usize = 128;
 
 /// Triangles around a vertex by their other corners; what is left of the last eight repeats the first one.
@@ -68,18 +71,28 @@ pub(super) fn eight<'a>(surface: &'a Surface, i: &[u32; 8]) -> [&'a Vertex; 8] {
     [&all[a], &all[b], &all[c], &all[d], &all[e], &all[f], &all[g], &all[h]]
 }
 
-/// Of corners that were looked at, bits of the triangles that each plane parts them from: below and above, and behind the walls.
+/// Of an eight of new triangles, a bit for each that a corner is below, one that it is above, and one for each wall that it is behind.
+type Beyond = [u64; EIGHTS];
+
+/// Triangles that are held against the new ones at once, and their corners, each once.
 #[derive(Clone)]
 pub(super) struct Seen {
     ids: [u32; REMEMBERED],
-    beyond: [Beyond; REMEMBERED],
+    places: [u8; REMEMBERED],
+    corners: [u32; 3 * AT_ONCE + 8],
+    of_triangles: [[u8; 3]; AT_ONCE],
+    beyond: [Beyond; 3 * AT_ONCE + 8],
 }
-
-type Beyond = [u32; 5];
 
 impl Default for Seen {
     fn default() -> Self {
-        Seen { ids: [u32::MAX; REMEMBERED], beyond: [[0; 5]; REMEMBERED] }
+        Seen {
+            ids: [u32::MAX; REMEMBERED],
+            places: [0; REMEMBERED],
+            corners: [0; 3 * AT_ONCE + 8],
+            of_triangles: [[0; 3]; AT_ONCE],
+            beyond: [[0; EIGHTS]; 3 * AT_ONCE + 8],
+        }
     }
 }
 
@@ -235,40 +248,58 @@ impl<'a, L: Lanes> Screen<'a, L> {
         (n_over_ray == 1).then_some(screen)
     }
 
+    /// Takes up triangles, at most `AT_ONCE`: finds for each of their corners what it is beyond.
+    #[inline(always)]
+    pub(super) fn look(&self, surface: &Surface, triangles: &[[u32; 3]], seen: &mut Seen) {
+        let mut n = 0;
+        seen.ids.fill(u32::MAX);
+        for (places, triangle) in seen.of_triangles.iter_mut().zip(triangles) {
+            for (place, &v) in places.iter_mut().zip(triangle) {
+                let slot = v as usize & (REMEMBERED - 1);
+                let is_new = seen.ids[slot] != v;
+                *place = select_unpredictable(is_new, n as u8, seen.places[slot]);
+                (seen.ids[slot], seen.places[slot]) = (v, *place);
+                seen.corners[n] = v;
+                prefetch(&surface.vertices, v);
+                n += usize::from(is_new);
+            }
+        }
+        if n == 0 {
+            return;
+        }
+        let last = seen.corners[0];
+        seen.corners[n..n + 8].fill(last);
+        let eights = seen.corners.as_chunks::<8>().0.iter().zip(seen.beyond.as_chunks_mut::<8>().0);
+        for (corners, beyond) in eights.take(n.div_ceil(8)) {
+            let off = L::relative(eight(surface, corners), [self.place; 8], surface.scale);
+            let [x, y, z] = [off[0].store(), off[1].store(), off[2].store()];
+            let reach = size(off).greater(L::splat(LEAST)).plus(L::splat(self.far)).store();
+            for i in 0..8 {
+                self.beyond(corners[i], ([x[i], y[i], z[i]], reach[i]), &mut beyond[i]);
+            }
+        }
+    }
+
     /// Bits of the new triangles that a triangle is not parted from by one of their planes.
     #[inline(always)]
-    pub(super) fn left(&self, surface: &Surface, triangle: [u32; 3], seen: &mut Seen) -> u32 {
-        let mut beyond = [[0; 5]; 3];
-        for (beyond, v) in beyond.iter_mut().zip(triangle) {
-            let at = v as usize & (REMEMBERED - 1);
-            if seen.ids[at] != v {
-                seen.ids[at] = v;
-                seen.beyond[at] = self.beyond(surface, v);
-            }
-            *beyond = seen.beyond[at];
+    pub(super) fn left(&self, triangle: usize, seen: &Seen) -> u32 {
+        let [a, b, c] = seen.of_triangles[triangle].map(|place| &seen.beyond[place as usize]);
+        let mut parted = 0;
+        for i in 0..self.around.n.div_ceil(8) {
+            let mut bits = a[i] & b[i] & c[i];
+            bits |= bits >> 32;
+            bits |= bits >> 16;
+            bits |= bits >> 8;
+            parted |= (bits as u32 & 0xFF) << (8 * i);
         }
-        let [a, b, c] = beyond;
-        let parted = (0..5).fold(0, |parted, k| parted | a[k] & b[k] & c[k]);
         self.around.bits() & !parted
     }
 
-    /// Begins to look: forgets corners of others.
     #[inline(always)]
-    pub(super) fn begin(&self, seen: &mut Seen) {
-        seen.ids.fill(u32::MAX);
-    }
-
-    #[inline(always)]
-    fn beyond(&self, surface: &Surface, v: u32) -> Beyond {
-        let at = surface.vertices[v as usize].position;
-        let mut off = [0.0f32; 3];
-        for k in 0..3 {
-            off[k] = ((at[k] - self.place[k]) * surface.scale) as f32;
-        }
-        let reach = (off[0].abs() + off[1].abs() + off[2].abs()).max(LEAST) + self.far;
+    fn beyond(&self, v: u32, (off, reach): ([f32; 3], f32), beyond: &mut Beyond) {
         let (off, reach): ([L; 3], L) = (splat(off), L::splat(reach));
-        let mut beyond = [0; 5];
-        for (i, own) in self.eights.iter().take(self.around.n.div_ceil(8)).enumerate() {
+        let eights = self.eights.iter().zip(beyond);
+        for (own, beyond) in eights.take(self.around.n.div_ceil(8)) {
             let (face, wall) = (own.face_slack.times(reach), own.wall_slack.times(reach));
             let height = dot(own.face, off);
             let rim = dot(own.rim, off).minus(own.rim_at);
@@ -280,21 +311,8 @@ impl<'a, L: Lanes> Screen<'a, L> {
                 dot(own.wall_c, off).below(negative(wall)) | is_c,
                 wall.below(rim) | is_b | is_c,
             ];
-            (0..5).for_each(|k| beyond[k] |= bits[k] << (8 * i));
-        }
-        beyond
-    }
-}
-
-/// Fetches triangles and their corners into the cache.
-#[inline(always)]
-pub(super) fn fetch(surface: &Surface, triangles: &[u32]) {
-    for &t in triangles {
-        prefetch(&surface.triangles, t);
-    }
-    for &t in triangles {
-        for v in surface.triangles[t as usize] {
-            prefetch(&surface.vertices, v);
+            *beyond = u64::from(bits[0] | bits[1] << 8 | bits[2] << 16 | bits[3] << 24)
+                | u64::from(bits[4]) << 32;
         }
     }
 }

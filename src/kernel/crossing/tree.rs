@@ -250,15 +250,14 @@ pub(crate) struct Tree {
     n: usize,
     /// Rows of boxes of triangles, then of the boxes of the rows of the level before; the last has one row.
     levels: Vec<Vec<Row>>,
-    /// Scratch space of a search: rows of a level, and of that below.
+    /// Scratch space of a search: rows of a level.
     open: Vec<u32>,
-    next: Vec<u32>,
 }
 
 impl Tree {
     /// A tree without triangles. Rounding relative to `centre` never parts boxes that touch: it keeps the order of numbers.
     pub(crate) fn new(centre: Vec3) -> Tree {
-        Tree { centre, n: 0, levels: vec![vec![Row::EMPTY]], open: Vec::new(), next: Vec::new() }
+        Tree { centre, n: 0, levels: vec![vec![Row::EMPTY]], open: Vec::new() }
     }
 
     /// A tree of the triangles of a surface that has vertices.
@@ -353,31 +352,29 @@ impl Tree {
     /// Lists the triangles whose boxes touch another.
     #[inline(always)]
     pub(crate) fn touching<L: Lanes>(&mut self, hull: &Hull, found: &mut Vec<u32>) {
-        found.clear();
-        let Tree { levels, open, next, .. } = self;
+        let Tree { levels, open, .. } = self;
         let hull = Splat::<L>::of(hull);
         open.clear();
         open.push(0);
-        // Level by level, so that what is fetched is there when it is looked at.
-        for level in (1..levels.len()).rev() {
-            next.clear();
-            for &row in open.iter() {
-                let mut left = levels[level][row as usize].touching(&hull);
-                while left != 0 {
-                    let i = 31 - left.leading_zeros();
-                    left ^= 1 << i;
-                    let below = row * ROW as u32 + i;
-                    levels[level - 1][below as usize].fetch();
-                    next.push(below);
-                }
+        // Level by level, so that what is fetched is there when it is looked at; without branches on what touches, which nothing
+        // predicts.
+        for (level, rows) in levels.iter().enumerate().rev() {
+            if level == 0 {
+                open.reverse();
             }
-            std::mem::swap(open, next);
-        }
-        for &row in open.iter() {
-            let mut left = levels[0][row as usize].touching(&hull);
-            while left != 0 {
-                found.push(row * ROW as u32 + left.trailing_zeros());
-                left &= left - 1;
+            found.clear();
+            found.resize(ROW * open.len(), 0);
+            let mut n = 0;
+            for &row in open.iter() {
+                let touching = rows[row as usize].touching(&hull);
+                let below = std::array::from_fn(|i| row * ROW as u32 + i as u32);
+                found[n..n + ROW].copy_from_slice(&L::packed(&below, touching));
+                n += touching.count_ones() as usize;
+            }
+            found.truncate(n);
+            if let Some(level) = level.checked_sub(1) {
+                found.iter().for_each(|&below| levels[level][below as usize].fetch());
+                std::mem::swap(open, found);
             }
         }
     }

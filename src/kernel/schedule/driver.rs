@@ -14,7 +14,7 @@ use crate::options::Topology;
 use crate::quality::{Probes, QualityAt};
 use crate::repair::clean::Cleaned;
 use crate::repair::close::crumbs::drop_crumbs;
-use crate::repair::close::excise::{Excised, cut_corners, excise};
+use crate::repair::close::excise::{CutVolume, Excised, cut_corners, excise};
 use crate::repair::close::{self, FilledHoles, OpenHoles};
 use crate::repair::make_manifold::{self, Mended};
 use crate::simd::Simd;
@@ -23,7 +23,6 @@ use crate::state::validate::validate;
 use crate::surface::Ring;
 use crate::surface::class::Class;
 use crate::topology::components::{Removal, SmallComponents};
-use crate::vertex::GONE;
 
 /// Attempts at leaving no hole, no vertex of several fans and no two vertices in one place.
 const MOST_ROUNDS: usize = 3;
@@ -57,6 +56,8 @@ pub(crate) struct Driver {
     pub(crate) bound: Option<Box<Tracker>>,
     /// Keeps the surface from passing through itself, where that was asked for.
     pub(crate) crossings: Option<Box<Crossings>>,
+    /// Volume that cuts have changed.
+    cut_volume: Option<CutVolume>,
     /// Size of the holes that are filled; 0: none.
     pub(crate) close_size: f64,
     /// Size of the closed components of a few triangles that are dropped; 0: none.
@@ -148,7 +149,6 @@ impl TopologyChanges {
                 ("crossing_pairs_cut_out", excised.pairs),
                 ("holes_cut_out", excised.holes),
                 ("triangles_cut_out", excised.triangles),
-                ("crossing_triangles_left", excised.left),
             ]);
         }
         if let Some((crumbs, triangles)) = self.crumbs {
@@ -198,6 +198,7 @@ impl Driver {
             frees_stuck: false,
             bound: None,
             crossings: None,
+            cut_volume: None,
             close_size: 0.0,
             crumb_size: 0.0,
             reach_channel: None,
@@ -265,6 +266,7 @@ impl Driver {
     pub(crate) fn excise(&mut self) {
         if self.crossings.take_if(|_| self.close_size > 0.0).is_some() {
             let mut all = Excised::default();
+            let mut volume = self.cut_volume.unwrap_or_else(|| CutVolume::of(&self.state.surface));
             for round in 0..MOST_ROUNDS {
                 if round > 0 && close::open(&self.state, self.close_size) == OpenHoles::default() {
                     break;
@@ -274,7 +276,12 @@ impl Driver {
                 self.mend();
                 self.close(true);
                 let mut crossings = Box::new(Crossings::new(&self.state.surface, self.simd));
-                let now = excise(&mut self.state, &mut crossings, self.close_size, self.simd);
+                let now = excise(
+                    &mut self.state,
+                    &mut crossings,
+                    (self.close_size, &mut volume),
+                    self.simd,
+                );
                 all.add(now);
                 self.crossings = Some(crossings);
                 if now.triangles == 0 {
@@ -282,6 +289,7 @@ impl Driver {
                 }
             }
             self.changes.excised = Some(all);
+            self.cut_volume = Some(volume);
             self.small_components = None;
             validate(&self.state);
         }
@@ -291,7 +299,8 @@ impl Driver {
     /// itself, and all of the surface is here.
     pub(crate) fn part_sheets(&mut self) {
         let is_free = |ring: &Ring| ring.class != Some(Class::Locked) || ring.len == 0;
-        let (Some(excised), Some(crossings)) = (&mut self.changes.excised, &mut self.crossings)
+        let (Some(excised), Some(crossings), Some(volume)) =
+            (&mut self.changes.excised, &mut self.crossings, &mut self.cut_volume)
         else {
             return;
         };
@@ -306,7 +315,8 @@ impl Driver {
             if left.is_empty() || self.interrupt.is_raised() {
                 break;
             }
-            excised.triangles += cut_corners(&mut self.state, crossings, &left, self.simd);
+            excised.triangles +=
+                cut_corners(&mut self.state, crossings, (&left, volume), self.simd);
         }
         let crumbs = drop_crumbs(&mut self.state.surface, self.crumb_size);
         crossings.moved(&self.state.surface, &crumbs.triangles);
@@ -314,15 +324,8 @@ impl Driver {
         validate(&self.state);
     }
 
-    /// Counts the holes that are open at the end, and triangles that meet others.
+    /// Counts the holes that are open at the end.
     pub(crate) fn count_open(&mut self) {
-        if let (Some(excised), Some(crossings)) = (&mut self.changes.excised, &mut self.crossings) {
-            let surface = &self.state.surface;
-            let all = 0..surface.triangles.len() as u32;
-            let is_there = |&t: &u32| surface.triangles[t as usize][0] != GONE;
-            let meets = |&t: &u32| crossings.met_by(surface, t).is_some();
-            excised.left = all.filter(is_there).filter(meets).count() as u64;
-        }
         if let Some((_, open)) = &mut self.changes.filled {
             *open = close::open(&self.state, self.close_size);
         }
