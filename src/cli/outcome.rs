@@ -143,6 +143,13 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     if let Some(solid) = report.solid.filter(|solid| !solid.met) {
         log.say_reason(fault_line(&solid));
     }
+    if report.opened_region_edges > 0 {
+        log.say_reason(format!(
+            "written, but regions that were closed are open at {} edges; ask for more triangles, or simplify each region alone \
+             (convert --split)",
+            show_count(report.opened_region_edges)
+        ));
+    }
     if !report.quality.bearable {
         log.say_reason(unbearable_line(&report.quality));
     }

@@ -4,7 +4,8 @@
 //! points; 0 is the outside. Reads labels beside triangles, block by block. Decides nothing about regions.
 
 use crate::ply::{FaceBlock, FullFace, MeshSource};
-use stonecut_mesh::property::{Property, Scalar, read_scalar};
+use std::collections::HashMap;
+use stonecut_mesh::property::{Property, Scalar, read_scalar, write_scalar};
 use stonecut_system::error::Result;
 
 /// Names of a wall's two labels.
@@ -44,6 +45,26 @@ impl FaceLabels {
     /// Returns whether faces part two regions.
     pub fn are_sides(&self) -> bool {
         self.places.len() == 2
+    }
+
+    /// The regions behind and in front of a wall with these values.
+    pub(crate) fn sides(&self, values: &[u8]) -> [i64; 2] {
+        [0, 1].map(|side| {
+            let (scalar, at) = self.places[side];
+            read_scalar(scalar, values, at) as i64
+        })
+    }
+
+    /// Brings the labels of a wall in order: the outside in front, of two regions the lesser behind. True if the face is to be turned over.
+    pub(crate) fn put_in_order(&self, values: &mut [u8]) -> bool {
+        let [left, right] = self.sides(values);
+        let is_turned = right != 0 && (left == 0 || right < left);
+        if is_turned {
+            for (&(scalar, at), label) in self.places.iter().zip([right, left]) {
+                write_scalar(scalar, values, at, label as f64);
+            }
+        }
+        is_turned
     }
 
     /// The regions behind and in front of a face; `None` for the outside, and in front of a face with one label.
@@ -87,5 +108,28 @@ impl FaceLabels {
             finish(index, &mut rows)?;
         }
         Ok(())
+    }
+}
+
+/// The order in which walls between the same two regions have their labels, of each two regions by the first wall.
+#[derive(Default)]
+pub(crate) struct WallOrders {
+    is_rising: HashMap<[i64; 2], bool>,
+    /// True once there are walls of either order, or more pairs of regions than are remembered.
+    pub(crate) are_mixed: bool,
+}
+
+impl WallOrders {
+    /// Pairs of regions that are remembered.
+    const MOST: usize = 1 << 20;
+
+    /// Adds a wall by the regions behind it and in front of it.
+    pub(crate) fn add(&mut self, [left, right]: [i64; 2]) {
+        if left != right && !self.are_mixed {
+            let is_rising = left < right;
+            let pair = [left.min(right), left.max(right)];
+            let first = *self.is_rising.entry(pair).or_insert(is_rising);
+            self.are_mixed = first != is_rising || self.is_rising.len() > Self::MOST;
+        }
     }
 }

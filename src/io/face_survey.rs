@@ -3,6 +3,7 @@
 //! One pass over the faces, none where they carry nothing. What is constant is known exactly; how many
 //! vertices a label would make of one is counted on a sample of 20,000 vertices. Changes nothing.
 
+use crate::face_labels::{FaceLabels, SIDES, WallOrders};
 use crate::materials::NUMBER;
 use crate::ply::MeshSource;
 use std::collections::HashMap;
@@ -42,7 +43,8 @@ pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<Face
     let properties = source.face_properties();
     let texture = source.has_corner_texture() && !options.drop_texture;
     let lists = source.dropped_face_properties();
-    let carry = |properties| FacePropertyPlan { texture, properties, lists };
+    let carry =
+        |properties, turns_walls| FacePropertyPlan { texture, properties, lists, turns_walls };
     let with = |how: FacePolicy, property: &Property, constant: &[u8], reason| {
         let (property, constant) = (property.clone(), constant.to_vec());
         FaceProperty { property, how, constant, reason }
@@ -59,10 +61,12 @@ pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<Face
         |p: &Property| if goes_with_texture(p) { "goes with the texture" } else { "as asked" };
     if properties.iter().all(is_dropped) {
         let dropped = properties.iter().map(|p| with(FacePolicy::Dropped, p, &[], why(p)));
-        return Ok(carry(dropped.collect()));
+        return Ok(carry(dropped.collect(), false));
     }
     let found = SurveyFindings::look(source, &properties)?;
     let is_label = |p: &Property| options.labels.contains(&p.name);
+    let has_walls = FaceLabels::named(source, &SIDES).is_some();
+    let is_side = |p: &Property| has_walls && SIDES.contains(&p.name.as_str());
     let groups = colour_groups(&properties);
     let mut decided = Vec::new();
     let mut moved_bytes = 0;
@@ -80,7 +84,8 @@ pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<Face
         let mut how = match () {
             () if is_dropped(property) => FacePolicy::Dropped,
             () if together.iter().all(|&i| found.is_constant(i)) => FacePolicy::Constant,
-            () if is_image(property) => FacePolicy::Region,
+            // Without their borders the regions would come out open.
+            () if is_image(property) || is_side(property) => FacePolicy::Region,
             () if group.is_some() && !named => {
                 if each <= MAX_COLOUR_VERTICES {
                     FacePolicy::Region
@@ -101,7 +106,7 @@ pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<Face
         let constant = if how == FacePolicy::Constant { found.first(i) } else { &[] };
         decided.push(with(how, property, constant, reason));
     }
-    Ok(carry(decided))
+    Ok(carry(decided, found.walls.is_some_and(|(_, orders)| orders.are_mixed)))
 }
 
 /// Findings of the pass over the faces.
@@ -114,6 +119,8 @@ struct SurveyFindings {
     whole: Vec<(Scalar, WholeValues)>,
     /// Values of the faces around sampled vertices, each once.
     around: HashMap<u64, Vec<Vec<u8>>>,
+    /// The labels of walls, and the ways they are wound.
+    walls: Option<(FaceLabels, WallOrders)>,
 }
 
 impl SurveyFindings {
@@ -129,6 +136,7 @@ impl SurveyFindings {
             constant: vec![true; properties.len()],
             whole: properties.iter().map(|p| (p.scalar, WholeValues::default())).collect(),
             around: HashMap::new(),
+            walls: FaceLabels::named(source, &SIDES).map(|labels| (labels, WallOrders::default())),
         };
         let mut room = MAX_BYTES;
         let every = source.n_vertices().div_ceil(SAMPLED_VERTICES).max(1);
@@ -145,6 +153,9 @@ impl SurveyFindings {
                 for (constant, place) in found.constant.iter_mut().zip(&found.places) {
                     *constant &= face.values[place.clone()] == found.first[place.clone()];
                 }
+            }
+            if let Some((labels, orders)) = &mut found.walls {
+                orders.add(labels.sides(&face.values));
             }
             for ((scalar, whole), place) in found.whole.iter_mut().zip(&found.places) {
                 if !scalar.is_integer() {

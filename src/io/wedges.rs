@@ -6,6 +6,7 @@
 //! them back into faces. The staged mesh has the properties of `FacePropertyPlan::vertex_properties` behind its own.
 
 use super::external_sort::{halves, whole};
+use super::face_labels::{FaceLabels, SIDES};
 use super::open_options::StageOptions;
 use crate::ply::header::Encoding;
 use crate::ply::raw::Spool;
@@ -63,6 +64,8 @@ fn split<const N: usize>(
     let path = source.path().to_path_buf();
     let mut regions = Regions::default();
     let (mut moved, mut region) = (Vec::new(), Vec::new());
+    let walls = FaceLabels::named(&source, &SIDES).filter(|_| carry.turns_walls);
+    let mut values = Vec::new();
     let n_bad = source.each_full_face(|_, face| {
         if face.is_bad {
             return Ok(());
@@ -72,15 +75,20 @@ fn split<const N: usize>(
         counts.write(&count.to_le_bytes())?;
         most_corners = most_corners.max(count);
         n_faces += 1;
+        values.clone_from(&face.values);
+        let is_turned = walls.as_ref().is_some_and(|walls| walls.put_in_order(&mut values));
         region.clear();
-        carry.pack_region(&face.values, &mut region);
+        carry.pack_region(&values, &mut region);
         moved.clear();
-        carry.pack(&face.values, &mut moved);
+        carry.pack(&values, &mut moved);
         let mut record = [0; N];
         record[4] = if region.is_empty() { 0 } else { regions.number(&region) as u32 };
         let place = bytemuck::cast_slice_mut::<u32, u8>(&mut record[OWN_WORDS..]);
         place[..moved.len()].copy_from_slice(&moved);
-        for (&v, uv) in face.corners.iter().zip(&face.texture) {
+        for i in 0..face.corners.len() {
+            // Begins with the same corner.
+            let i = if is_turned && i > 0 { face.corners.len() - i } else { i };
+            let (v, uv) = (face.corners[i], face.texture[i]);
             [record[0], record[1]] = halves(v);
             if carry.texture {
                 // Adding 0 turns -0 into 0.

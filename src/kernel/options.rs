@@ -64,6 +64,9 @@ pub struct Options {
     /// The channel that is the same all over a region of the surface and changes at its border, if there is
     /// one: moving a border costs what moving a boundary of the surface does.
     pub region: Option<usize>,
+    /// Triangles are walls between two regions of space, of which `region` is the pair: no edge of them is noise, and none is dropped
+    /// or turned over alone, so that what encloses a region stays closed.
+    pub walls: bool,
     /// The channel with the labels of vertices, if there are any: it is never interpolated, and a border between two labels
     /// lies between two rows of vertices that are kept as boundaries are.
     pub label: Option<usize>,
@@ -232,6 +235,7 @@ impl Default for Options {
             weights: Vec::new(),
             confined: Vec::new(),
             region: None,
+            walls: false,
             label: None,
             seam_share: 0.0,
             bound: None,

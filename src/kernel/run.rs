@@ -54,6 +54,8 @@ pub(crate) fn start(
     // What rides with the triangles of later rounds has a side.
     let is_first = mesh.relief.is_empty() && mesh.extremes.is_empty();
     let oriented = match options.orient {
+        // Their labels say the side.
+        _ if options.walls => Oriented::default(),
         true => {
             let (before, relief) = (mesh.triangles.clone(), &mut mesh.relief);
             let oriented = orient_all(&mut mesh.triangles);
@@ -70,6 +72,7 @@ pub(crate) fn start(
     let scales = (&options.weights[..], &options.confined[..]);
     let (mut state, may_be_flat, original) = MeshState::new(mesh, locked, scales, simd);
     state.surface.placement = options.placement;
+    state.surface.has_walls = options.walls;
     // Under a bound a triangle without area counts as the line that it is, and only a collapse may remove it.
     let flat = if options.bound.is_some() { &[][..] } else { &may_be_flat[..] };
     let flat = MayBeFlat { triangles: flat, may_touch: options.confined.contains(&true) };
@@ -221,7 +224,8 @@ pub(crate) fn finish(
     }
     // The inside of a part of a surface is not known.
     let is_whole = || surface.rings.iter().all(|ring| ring.class != Some(Class::Locked));
-    let turns = driver.changes.one_sided.is_some() && relief.is_empty() && is_whole();
+    let may_turn = driver.changes.one_sided.is_some() && !surface.has_walls;
+    let turns = may_turn && relief.is_empty() && is_whole();
     let (mut mesh, source) = driver.state.into_mesh();
     if turns {
         let (_, n_bodies) = turn_outward(&mut mesh);

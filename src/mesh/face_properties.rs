@@ -73,6 +73,8 @@ pub struct FacePropertyPlan {
     pub properties: Vec<FaceProperty>,
     /// Names of lists, which are not carried.
     pub lists: Vec<String>,
+    /// True if walls between the same two regions are wound both ways: they are turned to agree.
+    pub turns_walls: bool,
 }
 
 impl FacePropertyPlan {

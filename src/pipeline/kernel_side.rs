@@ -2,10 +2,11 @@
 
 use super::fit;
 use crate::config::Config;
-use crate::io::Lock;
 use crate::io::ply::MeshSource;
+use crate::io::{Lock, SIDES};
 use crate::kernel;
 use crate::mesh::codec::ChannelKind;
+use crate::mesh::property::{Origin, Property};
 use crate::mesh::record::VertexSchema;
 use crate::store::cells::VertexLayout;
 
@@ -43,6 +44,7 @@ pub(super) fn kernel_side(facts: &Facts, config: &Config) -> (VertexLayout, kern
     let mut options = kernel::Options {
         confined: confined(schema, config),
         region: channel_of(&ChannelKind::Region, schema, config),
+        walls: has_walls(schema),
         label: channel_of(&ChannelKind::Label, schema, config),
         seam_share: attributes.weights.seam_share(),
         bound: bound.map(|bound| kernel::Bound { channel, ..bound }),
@@ -89,4 +91,11 @@ fn confined(schema: &VertexSchema, config: &Config) -> Vec<bool> {
 fn channel_of(kind: &ChannelKind, schema: &VertexSchema, config: &Config) -> Option<usize> {
     let codec = schema.kernel_codec(&config.attributes.labels);
     codec.channel_kinds(schema).iter().position(|k| k == kind)
+}
+
+/// Returns whether faces are walls with the regions on both sides: one of the two may be the same everywhere.
+fn has_walls(schema: &VertexSchema) -> bool {
+    let is_side = |p: &Property, name: &str| p.origin == Origin::FaceLabel && p.name == name;
+    let has = |name: &str| schema.properties.iter().any(|p| is_side(p, name));
+    SIDES.into_iter().any(has)
 }

@@ -211,6 +211,11 @@ pub struct FaceReport {
     pub reason: Option<String>,
 }
 
+/// Returns whether there are none of something.
+fn is_none(n: &u64) -> bool {
+    *n == 0
+}
+
 impl FaceReport {
     /// Lists everything that faces carried but texture, for an output of this kind with this number of materials.
     pub fn list(carry: &FacePropertyPlan, kind: OutputKind, n_materials: usize) -> Vec<FaceReport> {
@@ -363,6 +368,9 @@ pub struct RunReport {
     /// Faults that the output was not to have; only where it was to be closed, turned one way or free of self-intersections.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub solid: Option<Solid>,
+    /// Edges at which regions of the output are open whose surfaces were closed in the input; absent where there are none.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub opened_region_edges: u64,
     /// Trials of `--max-error`; only with that option.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_error: Option<BoundReport>,

@@ -9,11 +9,13 @@ use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::io::InputPaths;
 use crate::io::ply::{MeshSource, ReadOptions};
-use crate::io::{OutputKind, StageOptions};
+use crate::io::{OutputKind, SIDES, StageOptions};
 use crate::measure::compare::{self, Report, Request};
+use crate::measure::labelled_regions::{RegionLimits, regions};
 use crate::measure::solid::{self, Solid};
 use crate::measure::{Certify, Options, check};
 use crate::mesh::bounds::Bounds;
+use crate::mesh::face_properties::FacePolicy;
 use crate::pipeline::run_report::{RunReport, StageReport};
 use crate::store::job::Job;
 use crate::store::stage_context::StageContext;
@@ -113,7 +115,32 @@ pub fn look(config: &Config, run: &StageContext, report: &mut RunReport) -> Resu
         }
         report.seconds += start.elapsed().as_secs_f64();
     }
+    let is_carried = |side: &str| {
+        let mut properties = report.face_properties.iter();
+        properties.any(|p| p.name == side && p.carried != FacePolicy::Dropped)
+    };
+    let has_walls = SIDES.into_iter().all(is_carried);
+    if has_walls && config.trial_of.is_none() && refuse_unreadable(config).is_ok() {
+        for output in config.outputs() {
+            let opened = opened_edges(output, config, run)?;
+            report.opened_region_edges = report.opened_region_edges.max(opened);
+        }
+    }
     Ok(())
+}
+
+/// Counts the edges at which regions are open in an output; 0 if they were not closed in the input either.
+fn opened_edges(output: &Path, config: &Config, run: &StageContext) -> Result<u64> {
+    run.job.clear_scratch()?;
+    let limits = RegionLimits { temp_dir: run.job.folder(), memory_bytes: run.memory_bytes };
+    let count = |path, read| {
+        let found = regions(&open(config, path, read)?, limits, run.progress)?;
+        Ok::<_, Error>(found.map_or(0, |found| found.open_edges))
+    };
+    let open_edges = count(output.into(), ReadOptions::default())?;
+    // Of the input only where something is wrong: it may be large.
+    let were_closed = open_edges > 0 && count(config.input.clone(), config.read_options())? == 0;
+    Ok(if were_closed { open_edges } else { 0 })
 }
 
 /// Counts what was not to be in an output.

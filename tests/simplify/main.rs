@@ -26,4 +26,5 @@ mod sizes;
 mod slides;
 mod solid;
 mod verdicts;
+mod walls;
 mod weld;

@@ -75,6 +75,9 @@ pub(crate) fn clean(state: &mut MeshState, flat: MayBeFlat, simd: Simd) -> Clean
 }
 
 fn drop_repeats(surface: &mut Surface, touched: &mut Vec<u32>) -> u64 {
+    if surface.has_walls {
+        return 0;
+    }
     let mut known: Vec<([u32; 3], u32)> = Vec::new();
     for v in 0..surface.vertices.len() as u32 {
         if !surface.rings[v as usize].class.is_some_and(Class::is_non_manifold) {
@@ -180,7 +183,8 @@ fn remove(surface: &mut Surface, t: u32, copies: &[u32], touched: &mut Vec<u32>)
         let is_held = neighbours(a, middle) > 1
             && neighbours(b, middle) > 1
             && Fan::new().look(surface, middle) != Class::Interior;
-        let is_loose = is_free && !is_held && ![a, b, middle].into_iter().any(is_last);
+        let is_loose =
+            !surface.has_walls && is_free && !is_held && ![a, b, middle].into_iter().any(is_last);
         let touches = [a, b, middle].iter().all(|v| copies.binary_search(v).is_ok());
         if across.is_empty() && is_loose && !touches {
             drop_triangle(surface, t, touched);

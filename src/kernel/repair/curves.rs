@@ -2,7 +2,7 @@
 //!
 //! Before sheets are joined or taken apart: along curves they stay together, everywhere else such edges are
 //! mended as ever. Which are curves is decided by what hangs together within the cell; what reaches a locked vertex may go on
-//! in another cell and counts as a curve here.
+//! in another cell and counts as a curve here. Of walls of regions every edge of three or more triangles is one.
 
 use crate::surface::Surface;
 use crate::surface::class::Class;
@@ -39,7 +39,9 @@ impl Curves {
             }
         }
         sides.sort_unstable();
-        sides.dedup();
+        if !surface.has_walls {
+            sides.dedup();
+        }
         let is_locked = |v: u32| surface.rings[v as usize].class == Some(Class::Locked);
         let several = sides.chunk_by(|a, b| a.0 == b.0).filter(|edge| edge.len() > 2);
         let mut edges: Vec<[u32; 2]> = several.map(|edge| edge[0].0).collect();
@@ -66,7 +68,7 @@ impl Curves {
         }
         let is_curve = |place: u32| {
             let group = group[number(place)];
-            goes_on[group] || are_curves(n_sides[group] / 2, n_loose[group])
+            surface.has_walls || goes_on[group] || are_curves(n_sides[group] / 2, n_loose[group])
         };
         edges.retain(|&[a, _]| is_curve(a));
         let on_curves = places.iter().copied().filter(|&place| is_curve(place)).collect();

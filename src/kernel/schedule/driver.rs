@@ -231,7 +231,9 @@ impl Driver {
 
     /// Makes the surface manifold as far as sources for new vertices are at hand; see `make_manifold`.
     pub(crate) fn mend(&mut self) {
-        let is_free = self.topology == Topology::Error && self.bound.is_none();
+        // A wall that is parted has vertices with the labels of others.
+        let has_walls = self.state.surface.has_walls;
+        let is_free = self.topology == Topology::Error && self.bound.is_none() && !has_walls;
         if is_free && self.changes.may_mend {
             self.follow();
             let done = make_manifold::mend(&mut self.state, &mut self.spare_sources, self.simd);

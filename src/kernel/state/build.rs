@@ -115,6 +115,7 @@ impl MeshState {
             flats: None,
             has_junctions: false,
             has_locked_copies: false,
+            has_walls: false,
             rounds: false,
             scale,
             unscale: 1.0 / scale,

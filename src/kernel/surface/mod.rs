@@ -67,6 +67,8 @@ pub(crate) struct Surface {
     pub(crate) has_junctions: bool,
     /// True if locked vertices lie in one place: wedges of one vertex that other cells know apart.
     pub(crate) has_locked_copies: bool,
+    /// True if its triangles are walls of regions, of which none may be missing.
+    pub(crate) has_walls: bool,
     /// True if new places are numbers of `f32`, as the output's are.
     pub(crate) rounds: bool,
     /// Power of two that brings edges near to length 1, so that f32 neither over- nor underflows.

@@ -20,6 +20,10 @@ pub(crate) fn cut(
     number: u32,
     simd: Simd,
 ) -> Option<[u32; 3]> {
+    // New vertices have the sources of others, and with them the labels of walls elsewhere.
+    if state.surface.has_walls {
+        return None;
+    }
     let surface = &mut state.surface;
     let (mut left, mut right) = (Sectors::default(), Sectors::default());
     for i in 0..3 {
