@@ -198,7 +198,7 @@ pub fn bake(
         charts.write_tangents(path, means.disk)?;
     }
     let source = original.normal_source();
-    let holds_vertex_colours = original.has_colours() && !palette.has_images();
+    let holds_vertex_colours = original.gives_all_colours();
     drop((original, cache));
     let largest = charts.pages.iter().map(|&[w, h]| u64::from(w) * u64::from(h)).max();
     let coders = Means { memory_bytes: free_bytes, ..means };

@@ -51,6 +51,8 @@ pub(super) struct Original {
     of_images: ImageDensities,
     /// Triangles whose coordinates are not numbers although their material has an image.
     n_lost: u64,
+    /// True if images are seen through colours of vertices other than white.
+    tints_images: bool,
 }
 
 /// Numbers of materials.
@@ -209,6 +211,7 @@ impl Original {
             density: f64::NAN,
             of_images: ImageDensities::default(),
             n_lost: 0,
+            tints_images: false,
         };
         original.survey(palette, means)?;
         Ok(original)
@@ -223,6 +226,7 @@ impl Original {
             of_images: ImageDensities,
             n_triangles: u64,
             n_lost: u64,
+            tints: bool,
             border: Vec<([u64; 3], [i64; 3])>,
         }
         let n_cells = self.scratch.store().n_cells();
@@ -235,6 +239,7 @@ impl Original {
             of_images: ImageDensities::default(),
             n_triangles: 0,
             n_lost: 0,
+            tints: false,
             border: Vec::new(),
         });
         let is_computed = matches!(self.normals, Normals::Computed(_));
@@ -246,12 +251,13 @@ impl Original {
                 if is_computed { border_sums(&cell.mesh, &cell.shared) } else { Vec::new() };
             let mesh = cell.mesh;
             let (mut sum, mut densities, mut n_lost) = (area_sum(), Densities::new(diagonal), 0);
-            let mut of_images = ImageDensities::default();
+            let (mut of_images, mut tints) = (ImageDensities::default(), false);
             for (t, &material) in material.iter().enumerate() {
                 let area = triangle::area(&mesh.corners(t));
                 sum.add(area);
                 let Some(paint) = palette.paints.get(material as usize) else { continue };
                 let Some(map) = paint.densest() else { continue };
+                tints = tints || paint.base.is_some() && self.is_tinted(&mesh, t);
                 let corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
                 let uv = self.corner_uv(&mesh, t);
                 let is_known =
@@ -271,6 +277,7 @@ impl Original {
             look.boxes[number] = Bounds::of(&mesh);
             look.n_triangles += mesh.triangles.len() as u64;
             look.n_lost += n_lost;
+            look.tints |= tints;
             look.area.merge(&sum);
             look.densities.merge(&densities);
             look.of_images.merge(of_images);
@@ -280,6 +287,7 @@ impl Original {
         let look = look.into_inner().unwrap_or_else(PoisonError::into_inner);
         self.boxes = look.boxes;
         (self.n_triangles, self.n_lost) = (look.n_triangles, look.n_lost);
+        self.tints_images = look.tints;
         self.area = look.area.value();
         self.density = look.densities.mean(palette.n_pixels());
         self.of_images = look.of_images;
@@ -422,6 +430,24 @@ impl Original {
             normal: self.normals.at(&cell.mesh, &cell.normals, t, weights),
             tangent: cell.tangents.get(t).map_or([0.0; 4], |own| mean_tangent(own, weights)),
         }
+    }
+
+    /// True if a corner of a triangle has another colour than white.
+    fn is_tinted(&self, mesh: &Mesh, t: usize) -> bool {
+        let Some(colours) = self.colours else { return false };
+        let white = colours.white;
+        let is_white = |v: u32| colours.channels.iter().all(|&i| mesh.channels_of(v)[i] >= white);
+        !mesh.triangles[t].iter().all(|&v| is_white(v))
+    }
+
+    /// True if images are seen through colours of vertices other than white.
+    pub fn tints_images(&self) -> bool {
+        self.tints_images
+    }
+
+    /// True if pages hold all colours of vertices: no image is seen through them.
+    pub fn gives_all_colours(&self) -> bool {
+        self.has_colours() && !self.tints_images
     }
 
     /// True if vertices have colours.

@@ -20,7 +20,7 @@ use stonecut_render::texture::{
     BasisCoding, Finish, ImageCache, Palette, Purpose, SEEN, WantedMaps,
 };
 use stonecut_system::error::{Error, Result};
-use stonecut_system::losses::Ledger;
+use stonecut_system::losses::{Ledger, Loss, LossKind};
 use stonecut_system::parallel::in_order;
 use stonecut_system::units::show_bytes;
 
@@ -219,6 +219,11 @@ impl TilePainter<'_> {
     pub fn losses(&self) -> Ledger {
         let mut losses = self.from.original.losses(&self.from.palette);
         losses.merge(&self.images.losses());
+        if self.from.original.tints_images() {
+            let (what, why) =
+                ("colours of vertices under images", "not carried by tiles with images");
+            losses.lose(Loss::new(LossKind::Colors, what, why));
+        }
         losses
     }
 

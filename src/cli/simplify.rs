@@ -216,7 +216,7 @@ impl Args {
             job_folder: self.job_folder()?,
             job: self.job,
             checks: self.checks.clone(),
-            format: self.format,
+            format: self.solid.format(self.format, &output),
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture || self.texture == TypedTexture::None,
             texture: match self.texture {

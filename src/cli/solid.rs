@@ -1,7 +1,10 @@
 //! Options of `simplify` for results that are printed or computed with: closed, turned one way, not passing through themselves.
 
 use crate::config::{HoleSize, MinComponent};
+use crate::io::{OutputFormat, OutputKind};
 use crate::kernel::Placement;
+use crate::mesh::property::Scalar;
+use std::path::Path;
 
 /// Smaller components are not printed: this share of the scan's diagonal.
 const PRINTED_SHARE: f64 = 0.01;
@@ -55,6 +58,14 @@ impl TypedSolid {
     /// True if the surface must not pass through itself.
     pub(super) fn no_self_intersections(&self) -> bool {
         self.no_self_intersections || self.has_purpose()
+    }
+
+    /// Format of the output: a GLB has positions as floats, since steps of 16 bits can let sheets meet.
+    pub(super) fn format(&self, typed: OutputFormat, output: &Path) -> OutputFormat {
+        let is_glb = typed.kind_of(output) == OutputKind::Glb;
+        let asks = self.close().is_some() || self.no_self_intersections();
+        let coordinate = typed.coordinate.or((is_glb && asks).then_some(Scalar::F32));
+        OutputFormat { coordinate, ..typed }
     }
 
     /// Least size of components, beside one that was typed.

@@ -58,10 +58,13 @@ impl Command for Args {
 impl Args {
     /// The job folder, also where the output was typed.
     fn place(&self) -> Result<PathBuf> {
-        match self.folder.is_file() {
-            true => job_folder(&self.folder, None),
-            false => Ok(self.folder.clone()),
+        if UnitJob::is_in(&self.folder) || has_manifest(&self.folder) {
+            return Ok(self.folder.clone());
         }
+        let is_output =
+            |job: &PathBuf| job.is_dir() || self.folder.is_file() || stands(&self.folder);
+        let of_output = job_folder(&self.folder, None).ok().filter(is_output);
+        Ok(of_output.unwrap_or_else(|| self.folder.clone()))
     }
 }
 

@@ -61,7 +61,7 @@ pub use open_options::{Lock, StageOptions, Weld, WeldOptions};
 pub use output_format::{OutputFormat, OutputKind};
 pub use records::NumberRecords;
 pub use rounding::check_range;
-pub use sink::MeshSink;
+pub use sink::{MeshSink, hidden_colours};
 pub use stl::StlWriter;
 pub use wedges::faces_to_vertices;
 pub use weld::weld as weld_vertices;

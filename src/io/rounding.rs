@@ -9,14 +9,18 @@ use crate::ply::MeshSource;
 use std::path::Path;
 use stonecut_mesh::property::Scalar;
 use stonecut_mesh::record::VertexSchema;
+use stonecut_mesh::vec3::{cross, length_sq, sub};
 use stonecut_system::error::{Error, Result};
 
 /// Rounding by less than this share of the mean edge is not worth a line.
 const SHARE: f64 = 1e-3;
 
+/// Share of the triangles that may be thinner than a step without a line.
+const THIN_SHARE: f64 = 0.01;
+
 /// Vertices at the beginning whose edges are measured, and triangles of them.
 const SAMPLED_VERTICES: usize = 65_536;
-const SAMPLED_TRIANGLES: usize = 20_000;
+const SAMPLED_TRIANGLES: usize = 2 * SAMPLED_VERTICES;
 
 /// Rounding of coordinates by a format.
 #[derive(Clone, Copy, PartialEq)]
@@ -36,6 +40,8 @@ pub(super) struct Rounding {
     sample: Vec<[f64; 3]>,
     edges: f64,
     n_edges: usize,
+    /// Triangles less high than a step.
+    n_thin: usize,
 }
 
 impl Rounding {
@@ -53,7 +59,7 @@ impl Rounding {
             _ => return None,
         };
         let (least, most) = ([f64::MAX; 3], [f64::MIN; 3]);
-        Some(Rounding { grain, least, most, sample: Vec::new(), edges: 0.0, n_edges: 0 })
+        Some(Rounding { grain, least, most, sample: Vec::new(), edges: 0.0, n_edges: 0, n_thin: 0 })
     }
 
     /// Takes packed records.
@@ -72,32 +78,47 @@ impl Rounding {
 
     /// Takes triangles, which come after all vertices.
     pub(super) fn add_faces(&mut self, triangles: impl IntoIterator<Item = [u64; 3]>) {
+        let step = self.step();
         for triangle in triangles {
             if self.n_edges >= 3 * SAMPLED_TRIANGLES {
                 return;
             }
             let corners = triangle.map(|v| self.sample.get(v as usize).copied());
             let [Some(a), Some(b), Some(c)] = corners else { continue };
-            for (p, q) in [(a, b), (b, c), (c, a)] {
-                self.edges += (0..3).map(|i| (p[i] - q[i]).powi(2)).sum::<f64>().sqrt();
-                self.n_edges += 1;
-            }
+            let lengths = [(a, b), (b, c), (c, a)].map(|(p, q)| length_sq(sub(p, q)).sqrt());
+            self.edges += lengths.iter().sum::<f64>();
+            self.n_edges += 3;
+            let longest = lengths.into_iter().fold(0.0, f64::max);
+            let height = length_sq(cross(sub(b, a), sub(c, a))).sqrt() / longest;
+            self.n_thin += usize::from(height > 0.0 && height < step);
         }
     }
 
-    /// A line on the rounding, if it is more than a thousandth of the mean edge.
-    pub(super) fn note(&self) -> Option<String> {
-        let mean = self.edges / self.n_edges as f64;
+    /// Distance of a coordinate from the next, where it is largest.
+    fn step(&self) -> f64 {
         let far = (0..3).map(|i| self.least[i].abs().max(self.most[i].abs())).fold(0.0, f64::max);
         let extent = (0..3).map(|i| self.most[i] - self.least[i]).fold(0.0, f64::max);
-        let step = match self.grain {
+        match self.grain {
             Grain::Floats => float_step(far),
             Grain::Steps => extent / 65_535.0,
-        };
+        }
+    }
+
+    /// A line on the rounding, if it is more than a thousandth of the mean edge, or many triangles are thinner than it.
+    pub(super) fn note(&self) -> Option<String> {
+        let (mean, step) = (self.edges / self.n_edges as f64, self.step());
+        let is_thin = self.n_thin as f64 > THIN_SHARE * (self.n_edges / 3) as f64;
         // Half a step is the most that a coordinate moves.
-        if !(step / 2.0 > SHARE * mean) {
+        if !(step / 2.0 > SHARE * mean || is_thin) {
             return None;
         }
+        let thin = match is_thin {
+            true => {
+                let percent = 300.0 * self.n_thin as f64 / self.n_edges as f64;
+                format!(" ({percent:.0} % of the triangles are thinner)")
+            }
+            false => String::new(),
+        };
         let share = 100.0 * step / mean;
         let (what, way) = match self.grain {
             Grain::Floats => (
@@ -107,7 +128,7 @@ impl Rounding {
             Grain::Steps => ("GLB has 16 bits an axis, here", "--format float has more"),
         };
         Some(format!(
-            "coordinates are rounded: {what} steps of {step:.2e}, {share:.2} % of the mean edge; {way}"
+            "coordinates are rounded: {what} steps of {step:.2e}, {share:.2} % of the mean edge{thin}; {way}"
         ))
     }
 }

@@ -2,7 +2,7 @@
 
 use super::by_material::names_of;
 use super::gltf::{GlbWriter, Positions};
-use super::materials::{NUMBER, TexturePlan};
+use super::materials::{MapKind, NUMBER, TexturePlan};
 use super::names::{NameTable, OBJECT, is_name, lost_comments};
 use super::obj::ObjWriter;
 use super::output_format::{OutputFormat, OutputKind};
@@ -16,6 +16,12 @@ use stonecut_mesh::record::VertexSchema;
 use stonecut_system::disk::Disk;
 use stonecut_system::error::Result;
 use stonecut_system::losses::{Ledger, Loss, LossKind};
+
+/// The remark on colours of vertices that a GLB does not get, since images hide them in PLY and OBJ.
+pub fn hidden_colours() -> Loss {
+    let (what, why) = ("colours of vertices under images", "not carried: glTF would multiply");
+    Loss::new(LossKind::Colors, what, why).notice()
+}
 
 /// Writes a mesh in any format: all vertices, then all faces; the file appears when it is finished.
 pub struct MeshSink {
@@ -174,6 +180,12 @@ impl MeshSink {
         let kind = format.check(&place.path)?;
         let mut losses = lost_parts(&header, kind);
         losses.merge(&lost_names(&mut header, kind));
+        let has_images = |plan: &TexturePlan| plan.materials.has_image(|map| map == MapKind::Base);
+        let is_hidden =
+            header.images_hide_colours && header.textures.as_ref().is_some_and(has_images);
+        if kind == OutputKind::Glb && is_hidden && ColourPlace::find(&header.schema).is_some() {
+            losses.lose(hidden_colours());
+        }
         let (opacity, record_bytes) =
             (lost_opacity(&header.schema, kind), header.schema.record_bytes());
         let colour = ColourPlace::find(&header.schema)

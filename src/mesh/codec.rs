@@ -52,7 +52,7 @@ pub fn colour_groups(properties: &[Property]) -> Vec<Vec<usize>> {
 enum MergeRule {
     /// A float: one channel.
     Single,
-    /// A double: two channels, the nearest float and the float nearest to what is left.
+    /// A double: two channels, the float nearest to its distance from the middle, and the float nearest to what is left.
     Double,
     /// An integer colour component (or the number of an image, or of a region): one channel, rounded and
     /// clamped on the way back.
@@ -121,6 +121,8 @@ struct Field {
     at: usize,
     /// First channel; meaningless for a label.
     channel: usize,
+    /// Of a double: subtracted from it in its channels.
+    middle: f64,
 }
 
 impl VertexSchema {
@@ -213,7 +215,8 @@ impl VertexCodec {
                 (_, true) => MergeRule::Colour,
                 _ => MergeRule::of(property),
             };
-            fields.push(Field { rule, scalar: property.scalar, at, channel });
+            let (scalar, middle) = (property.scalar, property.middle as f64);
+            fields.push(Field { rule, scalar, at, channel, middle });
             at += property.scalar.bytes();
             channel += rule.n_channels();
         }
@@ -286,7 +289,7 @@ impl VertexCodec {
                 }
                 MergeRule::Double => {
                     let value = read_scalar(Scalar::F64, record, field.at);
-                    let (high, low) = split_double(value);
+                    let (high, low) = split_double(value - field.middle);
                     channels[field.channel] = high;
                     channels[field.channel + 1] = low;
                 }
@@ -393,7 +396,7 @@ impl VertexCodec {
             MergeRule::Label => true,
             MergeRule::Single | MergeRule::Colour => same(channels[field.channel], original as f32),
             MergeRule::Double => {
-                let (high, low) = split_double(original);
+                let (high, low) = split_double(original - field.middle);
                 same(channels[field.channel], high) && same(channels[field.channel + 1], low)
             }
         }
@@ -402,7 +405,7 @@ impl VertexCodec {
     fn value(&self, field: &Field, channels: &[f32]) -> f64 {
         let first = f64::from(channels[field.channel]);
         match field.rule {
-            MergeRule::Double => first + f64::from(channels[field.channel + 1]),
+            MergeRule::Double => first + f64::from(channels[field.channel + 1]) + field.middle,
             _ => first,
         }
     }
@@ -437,6 +440,7 @@ fn split_double(value: f64) -> (f32, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::property::middle_of;
 
     fn schema(coordinate: Scalar, properties: &[(&str, Scalar)]) -> VertexSchema {
         let properties = properties.iter().map(|&(name, scalar)| Property::new(name, scalar));
@@ -454,6 +458,31 @@ mod tests {
             at += scalar.bytes();
         }
         record
+    }
+
+    #[test]
+    fn doubles_are_averaged_about_their_middle() {
+        let mut schema = schema(Scalar::F32, &[("gps_time", Scalar::F64)]);
+        let times = [1_700_000_003.25, 1_700_000_010.5];
+        schema.properties[0].middle = middle_of(times.to_vec());
+        let codec = schema.codec();
+        let rows = times.map(|time| record(&schema, &[0.0, 0.0, 0.0, time]));
+        let mut channels = [[0.0f32; 2]; 2];
+        for (row, own) in rows.iter().zip(&mut channels) {
+            codec.decode_channels(row, own);
+        }
+        let mean = [0, 1].map(|k| 0.5 * channels[0][k] + 0.5 * channels[1][k]);
+        let mut out = Vec::new();
+        codec.encode([0.0; 3], &mean, &rows[0], &mut out);
+        assert_eq!(read_scalar(Scalar::F64, &out, 12), 1_700_000_006.875);
+        for (row, own) in rows.iter().zip(&channels) {
+            out.clear();
+            codec.encode([0.0; 3], own, &rows[0], &mut out);
+            assert_eq!(out, *row);
+        }
+        for near in [vec![-0.5, 0.25, f64::NAN], vec![100.0, 9000.0], Vec::new()] {
+            assert_eq!(middle_of(near), 0);
+        }
     }
 
     #[test]

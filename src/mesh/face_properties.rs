@@ -114,6 +114,7 @@ impl FacePropertyPlan {
                 origin,
                 white: None,
                 is_patchy: false,
+                middle: 0,
             });
         }
         list

@@ -67,13 +67,39 @@ pub struct Property {
     /// Of a label: it lies in patches, whose borders are kept (`io::survey_labels`).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_patchy: bool,
+    /// Of a double far from 0: a whole number among its values, which they are averaged about (`middle_of`).
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub middle: i64,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // The form that serde calls.
+fn is_zero(middle: &i64) -> bool {
+    *middle == 0
+}
+
+/// Values of a property that are looked at for its middle.
+pub const MIDDLE_SAMPLE: usize = 4096;
+
+/// A whole number among `values`, if they are much farther from 0 than from each other; otherwise 0.
+///
+/// The kernel averages floats: seconds since 1970 would be rounded to steps of 128, map coordinates to half a metre.
+pub fn middle_of(mut values: Vec<f64>) -> i64 {
+    const FAR: f64 = 1000.0;
+    const SPREADS: f64 = 4.0;
+    const MOST: f64 = (1u64 << 53) as f64;
+    values.retain(|x| x.is_finite());
+    values.sort_unstable_by(f64::total_cmp);
+    let (Some(least), Some(most)) = (values.first(), values.last()) else { return 0 };
+    let middle = values[values.len() / 2].round();
+    let is_far = middle.abs() > FAR.max(SPREADS * (most - least)) && middle.abs() < MOST;
+    if is_far { middle as i64 } else { 0 }
 }
 
 impl Property {
     /// A property that the file itself has.
     pub fn new(name: &str, scalar: Scalar) -> Property {
         let name = name.to_owned();
-        Property { name, scalar, origin: Origin::Vertex, white: None, is_patchy: false }
+        Property { name, scalar, origin: Origin::Vertex, white: None, is_patchy: false, middle: 0 }
     }
 }
 

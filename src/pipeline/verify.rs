@@ -104,7 +104,7 @@ pub fn look(config: &Config, run: &StageContext, report: &mut RunReport) -> Resu
     }
     let asks =
         config.close.is_some() || config.kernel.orient || config.kernel.no_self_intersections;
-    if asks && config.trial_of.is_none() && refuse_unreadable(config).is_ok() {
+    if asks && config.trial_of.is_none() && config.output != Path::new("-") {
         let start = Instant::now();
         for (level, output) in config.outputs().enumerate() {
             let solid = Some(look_at(output, config, run, report)?);

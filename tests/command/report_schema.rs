@@ -362,6 +362,7 @@ fn status_tells_a_running_job_from_a_stopped_one() {
     expect(out, "simplify in.ply o.ply --ratio 5% --cell-triangles 3k --until simplify -q", 0);
     let job = out.join("o.ply.stonecut-job");
     let status = printed(out, "status o.ply.stonecut-job --json");
+    assert_eq!(status, printed(out, "status o.ply --json"));
     assert_eq!(status["is_running"], false);
     assert!(status["percent"].as_f64().expect("percent") > 10.0, "{status}");
     assert!(status["faces"].is_u64() && status["process"].is_u64(), "{status}");

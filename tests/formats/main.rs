@@ -19,4 +19,5 @@ mod polygons;
 mod range_grids;
 mod round_trips;
 mod rounding;
+mod shown;
 mod texts;

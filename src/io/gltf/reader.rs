@@ -101,7 +101,10 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
     let (mut n_bad, mut n_not_finite, mut n_clamped, mut n_white) = (0, 0, 0, 0);
     for piece in &pieces {
         let first = joiner.n_vertices();
-        let [not_finite, clamped] = put_vertices(&file, piece, options, &mut joiner)?;
+        let [not_finite, clamped, outside] = put_vertices(&file, piece, options, &mut joiner)?;
+        if outside > 0 {
+            materials.show_wrap(piece.primitive.material);
+        }
         (n_not_finite, n_clamped) = (n_not_finite + not_finite, n_clamped + clamped);
         n_white += if piece.colours.is_none() { piece.positions.count } else { 0 };
         n_bad += put_faces(&file, piece, (first, options.read.skip_bad), &mut joiner)?;
@@ -279,16 +282,19 @@ const TRIANGLES: u32 = 4;
 const STRIP: u32 = 5;
 const FAN: u32 = 6;
 
-/// Hands on the vertices of a piece in their places; returns how many have texture coordinates that are not finite, and how
-/// many a colour beyond white.
+/// Share of an image that coordinates may lie outside of it by rounding.
+const BEYOND: f32 = 1e-3;
+
+/// Hands on the vertices of a piece in their places; returns how many have texture coordinates that are not finite, how
+/// many a colour beyond white, and how many coordinates beyond the image.
 fn put_vertices(
     file: &RawFile,
     piece: &Piece,
     options: &StageOptions,
     joiner: &mut Joiner,
-) -> Result<[u64; 2]> {
-    let (mut n_not_finite, mut n_clamped) = (0, 0);
-    let cofactors = piece.at.cofactors();
+) -> Result<[u64; 3]> {
+    let (mut n_not_finite, mut n_clamped, mut n_outside) = (0, 0, 0);
+    let of_normals = piece.at.of_normals();
     let mut bytes = Vec::new();
     let (mut xyz, mut normals, mut colours, mut uvs) =
         (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -314,7 +320,9 @@ fn put_vertices(
                 )));
             }
             let normal = match normals.as_chunks::<3>().0.get(i) {
-                Some(n) => unit(cofactors.map(|row| row[0] * n[0] + row[1] * n[1] + row[2] * n[2])),
+                Some(n) => {
+                    unit(of_normals.map(|row| row[0] * n[0] + row[1] * n[1] + row[2] * n[2]))
+                }
                 None => [0.0; 3],
             };
             let colour = match colours.get(i * n_colours..(i + 1) * n_colours) {
@@ -332,11 +340,12 @@ fn put_vertices(
             };
             n_not_finite += u64::from(uv.iter().any(|x| !x.is_finite()));
             let uv = uv.map(|x| if x.is_finite() { x } else { 0.0 });
+            n_outside += u64::from(uv.iter().any(|x| !(-BEYOND..=1.0 + BEYOND).contains(x)));
             joiner.put_vertex(&VertexRow { position, colour, normal, uv })?;
         }
         first += BLOCK;
     }
-    Ok([n_not_finite, n_clamped])
+    Ok([n_not_finite, n_clamped, n_outside])
 }
 
 fn unit(v: [f64; 3]) -> [f32; 3] {

@@ -77,14 +77,19 @@ impl NodePlacement {
         NodePlacement { rows, shift: outer.point(self.shift) }
     }
 
-    /// Cofactors: what turns normals, up to their length.
-    pub(super) fn cofactors(&self) -> [[f64; 3]; 3] {
+    fn cofactors(&self) -> [[f64; 3]; 3] {
         let m = &self.rows;
         let minor = |r: usize, c: usize| {
             let [(r1, r2), (c1, c2)] = [r, c].map(|i| ((i + 1) % 3, (i + 2) % 3));
             m[r1][c1] * m[r2][c2] - m[r1][c2] * m[r2][c1]
         };
         [0, 1, 2].map(|r| [0, 1, 2].map(|c| minor(r, c)))
+    }
+
+    /// Rows of the matrix that turns normals, up to their length. A mirror keeps them outside.
+    pub(super) fn of_normals(&self) -> [[f64; 3]; 3] {
+        let sign = if self.is_mirror() { -1.0 } else { 1.0 };
+        self.cofactors().map(|row| row.map(|x| sign * x))
     }
 
     /// Returns whether it is a mirror, which turns faces around.
@@ -152,6 +157,9 @@ mod tests {
         let wanted = [1.0, 2.0, -2.0];
         assert!(point.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-12), "{point:?}");
         assert!(placed[0].at.is_mirror());
+        // Upwards in the file, and so downwards behind the mirror.
+        let normal = placed[0].at.of_normals().map(|row| row[2]);
+        assert!(normal[2] < 0.0 && normal[0].abs() + normal[1].abs() < 1e-12, "{normal:?}");
     }
 
     #[test]

@@ -5,7 +5,7 @@
 //! label is a primitive with its vertices in the order of the mesh, and faces in the order of the mesh.
 
 use super::document::Primitive;
-use crate::by_material::LabelOf;
+use crate::by_material::{FaceLabel, LabelOf};
 use crate::external_sort::{ExternalSort, halves};
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::row_window::RowWindow;
@@ -70,13 +70,13 @@ impl Split {
         Ok(())
     }
 
-    /// Makes the vertices: `row` turns the spooled row of a vertex into that of the file, before its coordinates.
+    /// Makes the vertices: `row` turns the spooled row of a vertex of a primitive into that of the file, before its coordinates.
     pub(super) fn finish(
         self,
         label_of: &LabelOf,
         (spooled, row_bytes): (&RawFile, usize),
         has_own_texture: bool,
-        row: impl Fn(&[u8], &mut Vec<u8>) -> [f64; 3],
+        row: impl Fn(FaceLabel, &[u8], &mut Vec<u8>) -> [f64; 3],
     ) -> Result<Parts> {
         let mut rows = RowWindow::new(spooled, row_bytes);
         let mut vertices = Spool::new(&self.folder);
@@ -99,7 +99,7 @@ impl Split {
             if last != Some([label, vertex, u, v]) {
                 last = Some([label, vertex, u, v]);
                 out.clear();
-                let steps = row(rows.get(u64::from(vertex))?, &mut out);
+                let steps = row(primitive.label, rows.get(u64::from(vertex))?, &mut out);
                 if !has_own_texture {
                     out.extend_from_slice([u, v].map(u32::to_le_bytes).as_flattened());
                 }

@@ -9,7 +9,7 @@
 use super::document::{Frame, Positions, Primitive, VertexLayout, binary_bytes, describe};
 use super::materials_out::OutImages;
 use super::split::Split;
-use crate::by_material::LabelOf;
+use crate::by_material::{FaceLabel, LabelOf};
 use crate::materials::copy_bytes;
 use crate::names::own_comments;
 use crate::obj::{find_texture, find3};
@@ -341,7 +341,18 @@ impl GlbWriter {
     fn write_split(&mut self, split: Split) -> Result<()> {
         let Some(file) = self.spooled()? else { return Ok(()) };
         let (scale, row_bytes) = (self.scale(), self.spooled_bytes());
-        let row = |spooled: &[u8], out: &mut Vec<u8>| self.row(scale, spooled, out);
+        let plan = self.header.textures.as_ref().filter(|_| self.header.images_hide_colours);
+        let has_image = |label: FaceLabel| {
+            let number = label.material.and_then(|number| i32::try_from(number).ok());
+            number.zip(plan).is_some_and(|(number, plan)| plan.materials.has_base(number))
+        };
+        let row = |label: FaceLabel, spooled: &[u8], out: &mut Vec<u8>| {
+            let stored = self.row(scale, spooled, out);
+            if let Some(at) = self.layout.colour_at.filter(|_| has_image(label)) {
+                out[at as usize..(at + COLOUR_BYTES) as usize].fill(u8::MAX);
+            }
+            stored
+        };
         let has_own_texture = self.texture.is_some() || self.layout.texture_at.is_none();
         let parts = split.finish(&self.label_of, (&file, row_bytes), has_own_texture, row)?;
         let images = self.begin(&parts.primitives)?;

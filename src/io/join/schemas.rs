@@ -125,11 +125,15 @@ pub(super) fn widest(a: Scalar, b: Scalar) -> Scalar {
                 b
             }
         }
-        (true, true) => match a.bytes().max(b.bytes()) {
-            1 => Scalar::I16,
-            2 => Scalar::I32,
-            _ => Scalar::I64,
-        },
+        (true, true) => {
+            let (signed, unsigned) = if is_unsigned(a) { (b, a) } else { (a, b) };
+            match unsigned.bytes() {
+                n if signed.bytes() > n => signed,
+                1 => Scalar::I16,
+                2 => Scalar::I32,
+                _ => Scalar::I64,
+            }
+        }
         (false, false) => Scalar::F64,
         (is_a, _) => {
             let (integer, float) = if is_a { (a, b) } else { (b, a) };
@@ -208,5 +212,6 @@ mod tests {
         assert_eq!(union.lacking("vertices"), [line]);
         assert_eq!(widest(Scalar::I32, Scalar::F32), Scalar::F64);
         assert_eq!(widest(Scalar::U8, Scalar::I8), Scalar::I16);
+        assert_eq!(widest(Scalar::I32, Scalar::U8), Scalar::I32);
     }
 }

@@ -93,6 +93,8 @@ pub struct Map {
     pub options: String,
     /// Tiling outside of 0 to 1 as glTF numbers it, along u and v; repeated if `None`.
     pub wrap: Option<[u32; 2]>,
+    /// True if coordinates lead beyond the image, where `wrap` is seen.
+    pub shows_wrap: bool,
 }
 
 /// Place of an image among texture coordinates.
@@ -108,7 +110,21 @@ pub struct MapPlace {
     pub has_others: bool,
 }
 
+/// An image that ends at its border, as glTF numbers it, along both coordinates.
+const CLAMPED: [u32; 2] = [33071; 2];
+
 impl Map {
+    /// Options of a material library, with the tiling if they can say it.
+    pub fn library_options(&self) -> String {
+        let clamp = if self.wrap == Some(CLAMPED) { "-clamp on" } else { "" };
+        [clamp, &self.options].join(" ").trim().to_owned()
+    }
+
+    /// True if a material library cannot say how the image goes on where coordinates lead beyond it.
+    pub fn has_unsaid_wrap(&self) -> bool {
+        self.shows_wrap && self.wrap.is_some_and(|wrap| wrap != CLAMPED)
+    }
+
     /// The place that options of a material library give it: `-s`, `-o` and `-clamp on`.
     pub fn place(&self) -> MapPlace {
         let mut out =
@@ -254,6 +270,24 @@ impl Material {
 }
 
 impl Materials {
+    /// Returns whether a material has an image of such a kind.
+    pub fn has_image(&self, of: impl Fn(MapKind) -> bool) -> bool {
+        self.list.iter().any(|material| material.maps.iter().any(|map| of(map.kind)))
+    }
+
+    /// Returns whether a material has a colour image; `number` is that of a face.
+    pub fn has_base(&self, number: i32) -> bool {
+        let material = usize::try_from(number).ok().and_then(|number| self.list.get(number));
+        material.is_some_and(|material| material.map(MapKind::Base).is_some())
+    }
+
+    /// Notes that coordinates lead beyond the images of a material, if there is one.
+    pub fn show_wrap(&mut self, number: Option<usize>) {
+        let material = number.and_then(|number| self.list.get_mut(number));
+        let maps = material.into_iter().flat_map(|material| &mut material.maps);
+        maps.filter(|map| map.wrap.is_some()).for_each(|map| map.shows_wrap = true);
+    }
+
     /// Adds an image, or finds that of the same file.
     pub fn add_image(&mut self, image: Image) -> usize {
         let next = self.images.len();
@@ -276,7 +310,13 @@ impl Materials {
                 let data = ImageData::File(path.clone());
                 let image = out.add_image(Image { name: name.clone(), data });
                 let options = String::new();
-                material.maps.push(Map { kind: MapKind::Base, image, options, wrap: None });
+                material.maps.push(Map {
+                    kind: MapKind::Base,
+                    image,
+                    options,
+                    wrap: None,
+                    shows_wrap: false,
+                });
                 let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
                 material.name = stem.unwrap_or_default();
             }

@@ -51,6 +51,11 @@ pub(super) fn enter(kind: OutputKind, materials: &Materials, losses: &mut Ledger
                 || kind == OutputKind::Ply && !map.options.is_empty()
             {
                 lose(LossKind::Images, &format!("options of the {}", map.kind.name()), false);
+            } else if kind == OutputKind::Obj && map.has_unsaid_wrap()
+                || kind == OutputKind::Ply && map.shows_wrap
+            {
+                let what = format!("tiling of the {} beyond its border", map.kind.name());
+                lose(LossKind::Images, &what, false);
             }
         }
         for (what, holders) in traits(material) {

@@ -105,7 +105,13 @@ pub fn read_library(
                 let data = ImageData::File(images.find(name));
                 let name = plain(&encodings::name(name));
                 let image = out.add_image(Image { name, data });
-                out.list[number].maps.push(Map { kind, image, options, wrap: None });
+                out.list[number].maps.push(Map {
+                    kind,
+                    image,
+                    options,
+                    wrap: None,
+                    shows_wrap: false,
+                });
             }
         } else if let Some(lost) = LOST_FILES.iter().find(|lost| lost.eq_ignore_ascii_case(word)) {
             let what = format!("images of '{lost}' lines in the material library");
@@ -119,8 +125,9 @@ pub fn read_library(
     }
 }
 
-/// Takes the image of ambient colour for the colour image where a material has no other: some programs write only that. Names
-/// images of light that black leaves dark.
+/// Takes the image of ambient colour for the colour image where a material has no other: some programs write only that. Zeros
+/// that leave nothing to be seen are what programs write where no value was chosen: white and opaque stand for them. Names images
+/// of light that black leaves dark.
 pub fn settle_images(out: &mut Materials) {
     let mut taken = Vec::new();
     for material in &mut out.list {
@@ -134,6 +141,27 @@ pub fn settle_images(out: &mut Materials) {
     for name in taken {
         let loss = Loss::new(LossKind::Images, "map_Ka", "taken for map_Kd, which is missing");
         out.lose(loss.example(name).notice());
+    }
+    let mut shown = Vec::new();
+    for material in &mut out.list {
+        if material.base[..3] == [0.0; 3] && material.map(MapKind::Base).is_some() {
+            material.base[..3].fill(1.0);
+            shown.push(("Kd 0 0 0", "would leave the image black: 1 1 1 is taken", &material.name));
+        }
+        if material.base[3] == 0.0 {
+            material.base[3] = 1.0;
+            shown.push((
+                "d 0 (Tr 1)",
+                "would leave the surface invisible: 1 is taken",
+                &material.name,
+            ));
+        }
+    }
+    let shown = shown.into_iter().map(|(what, why, name)| {
+        Loss::new(LossKind::Materials, what, why).example(format!("material '{name}'")).notice()
+    });
+    for loss in shown.collect::<Vec<_>>() {
+        out.lose(loss);
     }
     let is_dark =
         |m: &&Material| m.emissive == Some([0.0; 3]) && m.map(MapKind::Emissive).is_some();

@@ -46,8 +46,9 @@ pub(super) fn library(materials: &Materials, names: &[Option<String>]) -> String
         for (word, kind) in MAPS {
             let Some(map) = material.map(kind) else { continue };
             let Some(name) = &names[map.image] else { continue };
-            let options = if map.options.is_empty() { "" } else { " " };
-            let _ = writeln!(out, "{word}{options}{} {name}", map.options);
+            let options = map.library_options();
+            let gap = if options.is_empty() { "" } else { " " };
+            let _ = writeln!(out, "{word}{gap}{options} {name}");
         }
     }
     out

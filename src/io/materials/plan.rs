@@ -242,6 +242,13 @@ impl TexturePlan {
         let mut next = HashMap::new();
         for (number, facts) in pending {
             let image = &materials.images[number];
+            if facts.ending == "ktx2" {
+                let reason = format!("programs that read {} know no KTX2", request.kind.name());
+                let loss = Loss::new(LossKind::Images, "image", reason)
+                    .example(format!("'{}'", shown(image)));
+                self.losses
+                    .lose(loss.remedy("write a GLB, or make a new texture with --texture bake"));
+            }
             let name = free_name(image, &facts, (number, &mut next), |name| {
                 taken.insert(home.join(&folder).join(name))
             });
@@ -346,17 +353,6 @@ impl TexturePlan {
 }
 
 impl Materials {
-    /// Returns whether a material has an image of such a kind.
-    pub fn has_image(&self, of: impl Fn(MapKind) -> bool) -> bool {
-        self.list.iter().any(|material| material.maps.iter().any(|map| of(map.kind)))
-    }
-
-    /// Returns whether a material has a colour image; `number` is that of a face.
-    pub fn has_base(&self, number: i32) -> bool {
-        let material = usize::try_from(number).ok().and_then(|number| self.list.get(number));
-        material.is_some_and(|material| material.map(MapKind::Base).is_some())
-    }
-
     /// Paths of the images and libraries that lie in other files.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         let images = self.images.iter().filter_map(|image| match &image.data {

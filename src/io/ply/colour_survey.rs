@@ -1,14 +1,37 @@
-//! Surveys the colours of a file whose type does not say what full intensity is: floats, and integers of more than a byte.
+//! Surveys values whose type does not say what they need: colours as floats or integers of more than a byte (full
+//! intensity), doubles far from 0 (the middle that they are averaged about).
 
 use super::source::MeshSource;
 use super::{BLOCK_ROWS, VertexBlock};
 use stonecut_mesh::colours::{ColourSurvey, surveyed};
-use stonecut_mesh::property::read_scalar;
+use stonecut_mesh::property::{MIDDLE_SAMPLE, Origin, Property, Scalar, middle_of, read_scalar};
 
 /// Blocks that are looked at; of a larger file as many, evenly spaced.
 const MOST_BLOCKS: u64 = 256;
 
 impl MeshSource {
+    /// Notes the middle of doubles that lie far from 0, by the first block of vertices.
+    pub(super) fn survey_doubles(&mut self) {
+        let is_double = |p: &Property| p.scalar == Scalar::F64 && p.origin == Origin::Vertex;
+        if !self.plan.schema.properties.iter().any(is_double) {
+            return;
+        }
+        let mut block = VertexBlock::default();
+        if self.n_vertex_blocks() == 0 || self.read_unchecked(0, &mut block).is_err() {
+            return;
+        }
+        let schema = &mut self.plan.schema;
+        let (n_bytes, mut at) = (schema.record_bytes(), schema.position_bytes());
+        for property in &mut schema.properties {
+            if is_double(property) {
+                let records = block.records.chunks_exact(n_bytes).take(MIDDLE_SAMPLE);
+                let values = records.map(|record| read_scalar(property.scalar, record, at));
+                property.middle = middle_of(values.collect());
+            }
+            at += property.scalar.bytes();
+        }
+    }
+
     /// Notes the value of full intensity at the components of a colour, where it is not that of their type.
     ///
     /// Reads at most 16.8 million vertices. Rows that cannot be read are left to those who read all of them.

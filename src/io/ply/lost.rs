@@ -20,6 +20,7 @@ impl MeshSource {
         OutputHeader {
             comments: self.plain_comments(),
             obj_infos: self.obj_infos().to_vec(),
+            images_hide_colours: self.images_hide_colours(),
             ..OutputHeader::new(schema, n_vertices, n_faces)
         }
     }

@@ -179,6 +179,7 @@ impl MeshSource {
             staged: Staged { notes, ..Staged::default() },
         };
         source.survey_colours();
+        source.survey_doubles();
         source.give_up_names();
         source.staged.materials = textures::materials_of(&source.header, source.file.path());
         if source.options.skip_bad {
@@ -215,6 +216,11 @@ impl MeshSource {
     /// The format of the file that was given.
     pub fn file_format(&self) -> &'static str {
         self.staged.format.unwrap_or("PLY")
+    }
+
+    /// True if images hide the colours of vertices in the format of the file; glTF multiplies the two.
+    pub fn images_hide_colours(&self) -> bool {
+        ["PLY", "OBJ"].contains(&self.file_format())
     }
 
     /// Adds a remark.

@@ -38,6 +38,8 @@ pub struct OutputHeader {
     pub settings: String,
     /// Materials of the faces, by the number in their property `texnumber`.
     pub textures: Option<TexturePlan>,
+    /// True if images hide the colours of vertices, as in PLY and OBJ; glTF multiplies the two.
+    pub images_hide_colours: bool,
     /// True if corners have tangents, which only GLB holds; normals are then as precise.
     pub has_tangents: bool,
     /// Memory for sorting faces by material, in the formats that group them.
@@ -60,6 +62,7 @@ impl OutputHeader {
             faces: FaceSchema::default(),
             settings,
             textures: None,
+            images_hide_colours: false,
             has_tangents: false,
             sort_memory_bytes: SORT_MEMORY_BYTES,
         }

@@ -64,6 +64,9 @@ pub fn join_parts(
         source.weld().cloned().unwrap_or(WeldReport { vertices, ..WeldReport::default() });
     let (joined, distance) = (show_count(report.joined), found.distance);
     let line = match report.joined {
+        0 if borders.n_vertices() == 0 => {
+            format!("{n_parts} files became one mesh: none has an open edge, so nothing is joined")
+        }
         0 => format!(
             "{n_parts} files have no vertices in common within {distance:.1e}; if they belong together, --weld DISTANCE"
         ),

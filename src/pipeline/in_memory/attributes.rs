@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::codec::{ChannelKind, TEXTURE_NAMES, VertexCodec};
 use crate::mesh::patches::{PatchCount, WholeValues};
-use crate::mesh::property::{Origin, Property, Scalar, read_scalar};
+use crate::mesh::property::{MIDDLE_SAMPLE, Origin, Property, Scalar, middle_of, read_scalar};
 use crate::mesh::record::VertexSchema;
 use crate::system::parallel::in_blocks;
 use crate::system::progress::Progress;
@@ -72,7 +72,9 @@ impl<'a> Attributes<'a> {
         if columns.is_empty() {
             return Ok(Attributes::default());
         }
-        let properties = columns.iter().map(|column| column.property.clone()).collect();
+        let property =
+            |column| Property { middle: middle(column, n_vertices), ..column.property.clone() };
+        let properties = columns.iter().map(property).collect();
         let schema = VertexSchema { coordinate: Scalar::F32, properties };
         let codec = schema.kernel_codec(labels);
         let channel_kinds = codec.channel_kinds(&schema);
@@ -199,4 +201,15 @@ impl<'a> Attributes<'a> {
         }
         records
     }
+}
+/// The number that a column of doubles is averaged about, by its first values.
+fn middle(column: &Column, n_vertices: usize) -> i64 {
+    let scalar = column.property.scalar;
+    if scalar != Scalar::F64 {
+        return 0;
+    }
+    let at = |v: usize| v * column.stride + column.offset;
+    let values =
+        (0..n_vertices.min(MIDDLE_SAMPLE)).map(|v| read_scalar(scalar, column.bytes, at(v)));
+    middle_of(values.collect())
 }

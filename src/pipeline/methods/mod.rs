@@ -14,8 +14,9 @@ use super::run_report::{FaceReport, InputReport, OutputReport, RunReport};
 use super::run_report::{QualityReport, StageReport, StopReason};
 use crate::config::{Config, Method, Target};
 use crate::error::{Error, Result};
-use crate::io::check_range;
+use crate::io::materials::{MapKind, Materials};
 use crate::io::ply::{MeshSource, type_name};
+use crate::io::{check_range, find_texture};
 use crate::mesh::face_properties::FacePolicy;
 use crate::mesh::vec3::{length_sq, sub};
 use crate::methods::cluster::{self, Survey, Wanted};
@@ -29,6 +30,7 @@ use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
 pub use plan::MethodPlan;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Steps that progress counts: the method and the writing.
@@ -73,6 +75,14 @@ fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMet
         check_labels(&source, &config.attributes.labels)?;
         if !config.drop_texture {
             source.require_no_texture()?;
+            let has_images = |all: &Arc<Materials>| all.has_image(|map| map == MapKind::Base);
+            if source.materials().is_some_and(has_images) && find_texture(source.schema()).is_some() {
+                return Err(Error::bad_input(
+                    source.path(),
+                    "its vertices have texture coordinates for images, which this method would leave out; simplify \
+                     without --method, or give the texture up with --drop-texture",
+                ));
+            }
         }
         Ok(source)
     });

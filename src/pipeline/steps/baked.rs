@@ -14,7 +14,9 @@ use crate::io::ply::row_window::RowWindow;
 use crate::io::ply::{Encoding, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle};
 use crate::io::{
     MeshSink, NUMBER, NameUse, OutputFormat, OutputKind, StageOptions, TexturePlan, TextureRequest,
+    hidden_colours,
 };
+use crate::mesh::colours::ColourPlace;
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
 use crate::pipeline::run_report::TextureReport;
@@ -137,12 +139,18 @@ impl SimplifyRun<'_> {
         if baked.holds_vertex_colours {
             source.clamped_colours().into_iter().for_each(|loss| self.run.progress.lose(loss));
         }
-        let is_doubled = self.config.kind()? == OutputKind::Glb && baked.holds_vertex_colours;
+        let is_doubled = self.config.kind()? == OutputKind::Glb
+            && (baked.holds_vertex_colours || source.images_hide_colours());
+        let is_hidden = is_doubled && !baked.holds_vertex_colours;
+        if is_hidden && ColourPlace::find(shape.schema()).is_some() {
+            self.run.progress.lose(hidden_colours());
+        }
         let (schema, kept) = written_properties(shape.schema(), is_doubled);
         let mut header = shape.kept_header(schema, shape.n_vertices(), shape.n_face_rows());
         header.comments.retain(|line| !line.starts_with("stonecut "));
         header.settings = OutputHeader::line_of(&config.settings_of_level(self.level));
         header.faces.texture = true;
+        header.images_hide_colours = source.images_hide_colours();
         header.has_tangents = baked.tangents.is_some();
         header.faces.properties = shape.face_properties();
         header.faces.properties.push(Property::new(NUMBER, Scalar::I32));
@@ -195,7 +203,7 @@ impl SimplifyRun<'_> {
 
 /// The properties of vertices that are written, and their places in records of `schema`.
 ///
-/// In glTF colours of vertices multiply those of images: colours that the pages hold leave their vertices (`is_doubled`).
+/// In glTF colours of vertices multiply those of images: colours that the pages hold or hide leave their vertices (`is_doubled`).
 fn written_properties(
     schema: &VertexSchema,
     is_doubled: bool,
@@ -257,7 +265,13 @@ fn materials_of(baked: &Baked, stem: &str) -> Result<Materials> {
             // A part of a file, so that it is copied although it lies below the output's folder for now.
             let data = ImageData::Inside(Part { n_bytes: file.len(), file, offset: 0 });
             let image = out.add_image(Image { name, data });
-            let of = |&kind: &MapKind| Map { kind, image, options: String::new(), wrap: None };
+            let of = |&kind: &MapKind| Map {
+                kind,
+                image,
+                options: String::new(),
+                wrap: None,
+                shows_wrap: false,
+            };
             maps.extend(roles.iter().map(of));
         }
         out.list.push(Material {

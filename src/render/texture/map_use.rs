@@ -118,7 +118,13 @@ mod tests {
     use stonecut_io::materials::MapKind;
 
     fn map(options: &str, wrap: Option<[u32; 2]>) -> MapUse {
-        let map = Map { kind: MapKind::Base, image: 0, options: options.to_owned(), wrap };
+        let map = Map {
+            kind: MapKind::Base,
+            image: 0,
+            options: options.to_owned(),
+            wrap,
+            shows_wrap: false,
+        };
         MapUse::new(&map, [4, 2])
     }
 
