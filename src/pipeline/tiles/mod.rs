@@ -29,10 +29,9 @@ use crate::error::{Error, Result};
 use crate::io::materials::all_missing;
 use crate::io::ply::MeshSource;
 use crate::io::tileset::{FILE_NAME, OWN_PAGES, TileTree, TreeFiles, write_tilesets};
-use crate::io::{NUMBER, find3, lost_comments};
+use crate::io::{NUMBER, TileScalar, find3, lost_comments};
 use crate::kernel;
 use crate::mesh::codec::ChannelKind;
-use crate::mesh::colours::ColourPlace;
 use crate::mesh::record::VertexSchema;
 use crate::stages::partition::{Partition, partition_into_groups};
 use crate::stages::tiles;
@@ -50,6 +49,7 @@ use plan::{Hidden, gets_colours, layout};
 use report::{FolderReport, PagesReport, TilesReport, level_reports};
 use rounds::Stages;
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 use tree::TreeLevels;
@@ -86,36 +86,12 @@ fn run(
     if config.memory_bytes < 2 * plan.needed_memory_bytes {
         crate::system::memory::keep_nothing_back();
     }
-    let mut input_marks = marks.clone();
-    input_marks.insert("vertices".to_owned(), source.n_vertices().to_string());
-    input_marks.insert("faces".to_owned(), source.n_face_rows().to_string());
-    let input = std::path::absolute(&*config.input).unwrap_or_else(|_| config.input.to_path_buf());
     let schema = layout(&source, textured).schema;
     let (scalars, lost) = tiles::carried_scalars(&schema);
-    let mut settings = config.settings();
-    if !scalars.is_empty() {
-        // Builds that do not carry them cannot go on with the job, nor this one with theirs.
-        settings.insert("attributes".to_owned(), scalars.len().to_string());
-    }
-    if gets_colours(&source, textured) {
-        settings.insert("colours".to_owned(), "images".to_owned());
-    }
-    if textured {
-        settings.insert("texture".to_owned(), "bake".to_owned());
-    }
-    let identity = Identity { input: input.display().to_string(), input_marks, settings };
+    let identity = identity(&source, (config, textured), &marks, scalars.len());
     let pending = config.pending_output();
-    if !config.restart && plan::is_named(config) {
-        if let Some(report) = Job::concluded(&config.job_folder, disk, &identity)? {
-            // The tree that was replaced.
-            pending::remove(&pending, disk)?;
-            return Ok(report);
-        }
-        plan::refuse_to_replace(&config.output, config.force)?;
-    } else if !config.restart && plan::is_lost(config) {
-        // The tree was taken away since; the job begins again.
-        let _: Option<TilesReport> = Job::concluded(&config.job_folder, disk, &identity)?;
-        pending::remove(&pending, disk)?;
+    if let Some(report) = concluded(config, &identity, &pending, disk)? {
+        return Ok(report);
     }
     let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
     super::post(&job, &config.output, source.n_triangles(), progress);
@@ -142,23 +118,7 @@ fn run(
         kernel: kernel_options(&plan::schema(&source, textured)),
         dropped: Dropped::default(),
     };
-    let count = |cut: &(Partition, GroupGrid)| cut.0.store.triangles;
-    let cut = stages.stages.stage(("partition", "partition"), n, count, |run| {
-        let outcome = guarded(|| cut_into_groups(&source, (config, textured), run));
-        unchanged(&config.input, &marks, outcome)
-    });
-    let cut = cut.and_then(|cut: (Partition, GroupGrid)| {
-        let held = cut.0.bounds.hold("'tiles'", [0.0, 1e100]);
-        held.map(|()| cut).map_err(|what| Error::bad_input(&config.input, what))
-    });
-    let cut = cut.and_then(|cut: (Partition, GroupGrid)| match cut.0.store.triangles {
-        0 => Err(Error::bad_input(
-            &config.input,
-            "no triangle has three different corners: there is nothing to cut into tiles",
-        )),
-        _ => stages.check_step(&cut.0.store, &cut.1.lattice).map(|()| cut),
-    });
-    let (partition, grid) = match cut {
+    let (partition, grid) = match cut(&mut stages, &source, textured, &marks) {
         Ok(cut) => cut,
         Err(error) => return Err(give_up(&job, &pending, error)),
     };
@@ -187,42 +147,28 @@ fn run(
         TreeLevels { lattice, rounds: &rounds, hidden: &hidden, top: &top, pixels: config.pixels };
     let (tiles, deviations) = tree::tree(&levels);
     let root = tiles.iter().rposition(|tile| tile.level as usize == rounds.len()).unwrap_or(0);
-    let leaf_triangles: u64 =
-        tiles.iter().filter(|tile| tile.level == 0).map(|tile| tile.triangles).sum();
-    let mut tree = TileTree {
+    let leaves = tiles.iter().filter(|tile| tile.level == 0);
+    let leaf_triangles = leaves.map(|tile| tile.triangles).sum();
+    let extras = about(
+        &source,
+        config,
+        About {
+            input_triangles: partition.store.triangles - stages.dropped.duplicate_faces,
+            n_levels: rounds.len() + 1,
+            lattice,
+            finest: (!hidden.is_empty()).then_some((leaf_triangles, deviations[0])),
+            texels_per_unit: pages.as_ref().map(|pages| pages.texels_per_unit),
+            has_normals: find3(&schema, ["nx", "ny", "nz"]).is_some(),
+            scalars: &scalars,
+        },
+    );
+    let tree = TileTree {
         root: root as u32,
         transform: placed(&world, grid.lattice.origin, config.is_z_up),
         is_z_up: config.is_z_up,
-        extras: json!({ "stonecut": {
-            "input_triangles": partition.store.triangles - stages.dropped.duplicate_faces,
-            "levels": rounds.len() + 1,
-            "step": lattice.step, "pixels": config.pixels, "up": if config.is_z_up { "z" } else { "y" },
-            "origin": grid.lattice.origin,
-        } }),
+        extras: json!({ "stonecut": extras }),
         tiles,
     };
-    if let Some(code) = &config.crs {
-        tree.extras["stonecut"]["crs"] = json!(code);
-    }
-    if let Some(offset) = source.offset() {
-        tree.extras["stonecut"]["offset"] = json!(offset);
-    }
-    if !hidden.is_empty() {
-        tree.extras["stonecut"]["finest_triangles"] = leaf_triangles.into();
-        tree.extras["stonecut"]["finest_deviation"] = deviations[0].into();
-    }
-    if let Some(pages) = &pages {
-        tree.extras["stonecut"]["texels_per_unit"] = pages.texels_per_unit.into();
-    }
-    if config.viewer {
-        tree.extras["stonecut"][OWN_PAGES] = TreeFiles::page_list(&viewer::FILES);
-    }
-    if find3(&schema, ["nx", "ny", "nz"]).is_some() {
-        tree.extras["stonecut"]["normals"] = "given".into();
-    }
-    if !scalars.is_empty() {
-        tree.extras["stonecut"]["scalars"] = json!(scalars);
-    }
     let (n_sets, set_bytes) = write_tilesets(&tree, &pending, disk)?;
     disk.disown(set_bytes);
     let viewer_bytes = if config.viewer { viewer::write_viewer(&pending, disk)? } else { 0 };
@@ -230,20 +176,17 @@ fn run(
     let set = pending.join(FILE_NAME);
     let text = std::fs::read(&set).map_err(|e| Error::reading(&set, "cannot read", e))?;
     let n_triangles = source.n_triangles();
-    let peak_temp_bytes = stages.stages.peak_temp_bytes();
     let (seconds, rate) = stages.stages.seconds(started, n_triangles);
-    let reports = stages.stages.reports;
     let level_reports = level_reports(&rounds, &top, &deviations, config.tile_triangles);
-    let dropped = stages.dropped;
-    let mut losses = source.losses();
-    of_world.into_iter().for_each(|loss| losses.lose(loss));
-    losses.merge(&losses_of(&source, coloured, pages.as_ref()));
-    losses.merge(&scalar_losses(&lost, rounds.first()));
-    let mut report = TilesReport {
+    let losses =
+        all_losses(&source, (coloured, of_world), (&lost, rounds.first()), pages.as_ref())?;
+    progress.lose_all(&losses);
+    let losses = progress.losses();
+    let report = TilesReport {
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION").to_owned(),
         input: InputReport {
-            faults: faults(&source, &partition, dropped),
+            faults: faults(&source, &partition, stages.dropped),
             ..InputReport::new(&config.input, &source, partition.bounds)
         },
         inputs: source.parts().to_vec(),
@@ -261,19 +204,12 @@ fn run(
         seconds,
         triangles_per_second: rate,
         peak_memory_bytes: peak_bytes(),
-        peak_temp_bytes: peak_temp_bytes.max(staging.peak_bytes()),
-        stages: reports,
-        notes: Vec::new(),
-        losses: Ledger::default(),
+        peak_temp_bytes: stages.stages.peak_temp_bytes().max(staging.peak_bytes()),
+        stages: stages.stages.reports,
+        notes: losses.lines(),
+        losses,
         texture: pages,
     };
-    source.remarks()?.into_iter().chain(source.clamped_colours()).for_each(|l| losses.lose(l));
-    if let Some(materials) = source.materials().filter(|materials| materials.lacks_images()) {
-        losses.lose(all_missing(materials.images.len()));
-    }
-    progress.lose_all(&losses);
-    report.losses = progress.losses();
-    report.notes = report.losses.lines();
     refuse_appeared(config)?;
     // From here on the job may be over.
     job.record(NAMED, &xxh3_64(&text))?;
@@ -286,6 +222,120 @@ fn run(
         job.remove()?;
     }
     Ok(report)
+}
+
+/// Identity of a job of tiles: its input and all that changes its bytes.
+fn identity(
+    source: &MeshSource,
+    (config, textured): (&TilesConfig, bool),
+    marks: &BTreeMap<String, String>,
+    n_scalars: usize,
+) -> Identity {
+    let mut input_marks = marks.clone();
+    input_marks.insert("vertices".to_owned(), source.n_vertices().to_string());
+    input_marks.insert("faces".to_owned(), source.n_face_rows().to_string());
+    let input = std::path::absolute(&*config.input).unwrap_or_else(|_| config.input.to_path_buf());
+    let mut settings = config.settings();
+    if n_scalars > 0 {
+        // Builds that do not carry them cannot go on with the job, nor this one with theirs.
+        settings.insert("attributes".to_owned(), n_scalars.to_string());
+    }
+    if gets_colours(source, textured) {
+        settings.insert("colours".to_owned(), "images".to_owned());
+    }
+    if textured {
+        settings.insert("texture".to_owned(), "bake".to_owned());
+    }
+    Identity { input: input.display().to_string(), input_marks, settings }
+}
+
+/// The report of a job that has ended, if its tree is there; fails if another tree stands in its place.
+fn concluded(
+    config: &TilesConfig,
+    identity: &Identity,
+    pending: &Path,
+    disk: &Disk,
+) -> Result<Option<TilesReport>> {
+    let is_named = plan::is_named(config);
+    if config.restart || !(is_named || plan::is_lost(config)) {
+        return Ok(None);
+    }
+    let report: Option<TilesReport> = Job::concluded(&config.job_folder, disk, identity)?;
+    if is_named && report.is_none() {
+        plan::refuse_to_replace(&config.output, config.force)?;
+        return Ok(None);
+    }
+    // Of the tree that was replaced, or of one that was taken away since: then the job begins again.
+    pending::remove(pending, disk)?;
+    Ok(report.filter(|_| is_named))
+}
+
+/// Cuts the input into the groups of the first round, as a stage; fails where there is nothing to cut.
+fn cut(
+    stages: &mut Stages,
+    source: &MeshSource,
+    textured: bool,
+    marks: &BTreeMap<String, String>,
+) -> Result<(Partition, GroupGrid)> {
+    let (config, n) = (stages.config, source.n_triangles());
+    let count = |cut: &(Partition, GroupGrid)| cut.0.store.triangles;
+    let cut = stages.stages.stage(("partition", "partition"), n, count, |run| {
+        let outcome = guarded(|| cut_into_groups(source, (config, textured), run));
+        unchanged(&config.input, marks, outcome)
+    })?;
+    let held = cut.0.bounds.hold("'tiles'", [0.0, 1e100]);
+    held.map_err(|what| Error::bad_input(&config.input, what))?;
+    if cut.0.store.triangles == 0 {
+        let what = "no triangle has three different corners: there is nothing to cut into tiles";
+        return Err(Error::bad_input(&config.input, what));
+    }
+    stages.check_step(&cut.0.store, &cut.1.lattice)?;
+    Ok(cut)
+}
+
+/// Facts of a tree besides its input and settings.
+struct About<'a> {
+    input_triangles: u64,
+    n_levels: usize,
+    lattice: Lattice,
+    /// Triangles and deviation of the leaves, where finer rounds are hidden.
+    finest: Option<(u64, f64)>,
+    texels_per_unit: Option<f64>,
+    has_normals: bool,
+    scalars: &'a [TileScalar],
+}
+
+/// The `extras` of a tree, for those who read it again (docs/design/tiles.md).
+fn about(source: &MeshSource, config: &TilesConfig, of: About) -> serde_json::Value {
+    let mut about = json!({
+        "input_triangles": of.input_triangles,
+        "levels": of.n_levels,
+        "step": of.lattice.step, "pixels": config.pixels, "up": if config.is_z_up { "z" } else { "y" },
+        "origin": of.lattice.origin,
+    });
+    if let Some(code) = &config.crs {
+        about["crs"] = json!(code);
+    }
+    if let Some(offset) = source.offset() {
+        about["offset"] = json!(offset);
+    }
+    if let Some((triangles, deviation)) = of.finest {
+        about["finest_triangles"] = triangles.into();
+        about["finest_deviation"] = deviation.into();
+    }
+    if let Some(texels) = of.texels_per_unit {
+        about["texels_per_unit"] = texels.into();
+    }
+    if config.viewer {
+        about[OWN_PAGES] = TreeFiles::page_list(&viewer::FILES);
+    }
+    if of.has_normals {
+        about["normals"] = "given".into();
+    }
+    if !of.scalars.is_empty() {
+        about["scalars"] = json!(of.scalars);
+    }
+    about
 }
 
 /// The error of a run; what it has made goes if the same command would fail again.
@@ -361,6 +411,24 @@ fn scalar_losses(lost: &[String], leaves: Option<&Vec<GroupRecord>>) -> Ledger {
     losses
 }
 
+/// All that the tree does not hold of its input, and remarks on it.
+fn all_losses(
+    source: &MeshSource,
+    (coloured, of_world): (Option<Coloured>, Vec<Loss>),
+    (lost, leaves): (&[String], Option<&Vec<GroupRecord>>),
+    pages: Option<&PagesReport>,
+) -> Result<Ledger> {
+    let mut losses = source.losses();
+    of_world.into_iter().for_each(|loss| losses.lose(loss));
+    losses.merge(&losses_of(source, coloured, pages));
+    losses.merge(&scalar_losses(lost, leaves));
+    source.remarks()?.into_iter().chain(source.clamped_colours()).for_each(|l| losses.lose(l));
+    if let Some(materials) = source.materials().filter(|materials| materials.lacks_images()) {
+        losses.lose(all_missing(materials.images.len()));
+    }
+    Ok(losses)
+}
+
 /// Parts of the input that tiles do not carry.
 fn losses_of(
     source: &MeshSource,
@@ -374,10 +442,6 @@ fn losses_of(
     let is_coloured = coloured.is_some();
     if let Some(pages) = pages {
         losses.merge(&pages.losses);
-        if ColourPlace::find(source.schema()).is_some() {
-            let why = "not carried by tiles with images";
-            losses.lose(Loss::new(LossKind::Colors, "colours of vertices", why));
-        }
     } else if source.require_no_texture().is_err() {
         let instead = match is_coloured {
             true => "not carried: vertices have colours out of them instead",
@@ -389,9 +453,13 @@ fn losses_of(
         losses.merge(&coloured.losses);
     }
     let others = source.face_properties().into_iter().map(|p| p.name);
+    let (numbers, faces): (Vec<String>, Vec<String>) = others.partition(|name| name == NUMBER);
     // The number of the material goes with the images.
-    let faces: Vec<String> =
-        others.filter(|name| !((is_coloured || pages.is_some()) && name == NUMBER)).collect();
+    if !numbers.is_empty() && !is_coloured && pages.is_none() {
+        let loss =
+            Loss::new(LossKind::Materials, "materials and their colours", "not carried by tiles");
+        losses.lose(loss.whole());
+    }
     if !faces.is_empty() {
         let what = format!("properties of faces ({})", faces.join(", "));
         let loss = Loss::new(LossKind::Attributes, what, "not carried by tiles");
