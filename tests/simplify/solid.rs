@@ -295,6 +295,29 @@ fn bodies_with_a_face_in_common_keep_their_volume() {
 }
 
 #[test]
+fn walls_that_two_bodies_have_twice_are_simplified_too() {
+    // The copies have other diagonals, so every edge of the grid on the wall has four different triangles.
+    let (mut mesh, other) = (cube(16, 0.0), cube(16, 1.0));
+    let place = |[x, y, z]: &[f64; 3]| [*x, 1.0 - y, *z];
+    let first = mesh.positions.clone();
+    let found = |p: [f64; 3]| first.iter().position(|q| *q == p);
+    let mut number = Vec::new();
+    for p in other.positions.iter().map(place) {
+        number.push(found(p).unwrap_or_else(|| {
+            mesh.positions.push(p);
+            mesh.positions.len() - 1
+        }) as u32);
+    }
+    let turned = |&[a, b, c]: &[u32; 3]| [a, c, b].map(|v| number[v as usize]);
+    mesh.triangles.extend(other.triangles.iter().map(turned));
+    let locked = vec![false; mesh.positions.len()];
+    let stop = Stop::Triangles(mesh.triangles.len() as u64 / 20);
+    let done = simplify_mesh(mesh, &locked, &Options { stop, ..Options::default() });
+    assert!((volume(&done.mesh) - 2.0).abs() < 0.01, "{}", volume(&done.mesh));
+    assert!(done.mesh.triangles.len() < 310, "{}", done.mesh.triangles.len());
+}
+
+#[test]
 fn sheets_that_touch_move_apart_and_crumbs_go() {
     // Two rings that touch in a corner of both, and a speck.
     let mut mesh = meshes::torus(40, 20, |_, _| 0.5);

@@ -9,6 +9,7 @@ use crate::surface::class::Class;
 use crate::surface::junction::are_curves;
 use crate::vertex::GONE;
 use stonecut_mesh::union_find::Union;
+use stonecut_mesh::vec3::{Vec3, dot, length_sq, scale, sub};
 
 /// Junction curves of a surface.
 #[derive(Default)]
@@ -28,23 +29,23 @@ impl Curves {
         may_be_on: impl Fn(u32) -> bool,
     ) -> Self {
         let is_inner = |v: u32| surface.rings[v as usize].class == Some(Class::Interior);
-        // Each edge with the third places of its triangles.
-        let mut sides: Vec<([u32; 2], u32)> = Vec::new();
+        let mut sides: Vec<Side> = Vec::new();
         for t in surface.triangles.iter().filter(|t| t[0] != GONE) {
             for (a, b, c) in [(t[0], t[1], t[2]), (t[1], t[2], t[0]), (t[2], t[0], t[1])] {
                 if (may_be_on(a) || may_be_on(b)) && !is_inner(a) && !is_inner(b) {
                     let (a, b) = (place(a), place(b));
-                    sides.push(([a.min(b), a.max(b)], place(c)));
+                    sides.push(([a.min(b), a.max(b)], place(c), a < b));
                 }
             }
         }
         sides.sort_unstable();
         if !surface.has_walls {
-            sides.dedup();
+            sides.dedup_by_key(|side| (side.0, side.1));
         }
         let is_locked = |v: u32| surface.rings[v as usize].class == Some(Class::Locked);
         let several = sides.chunk_by(|a, b| a.0 == b.0).filter(|edge| edge.len() > 2);
-        let mut edges: Vec<[u32; 2]> = several.map(|edge| edge[0].0).collect();
+        let meet = several.filter(|edge| surface.has_walls || !is_double(surface, edge));
+        let mut edges: Vec<[u32; 2]> = meet.map(|edge| edge[0].0).collect();
         drop(sides);
         let mut places: Vec<u32> = edges.iter().flatten().copied().collect();
         places.sort_unstable();
@@ -84,4 +85,24 @@ impl Curves {
     pub(super) fn has_edge(&self, [a, b]: [u32; 2]) -> bool {
         self.edges.binary_search(&[a.min(b), a.max(b)]).is_ok()
     }
+}
+
+/// A side of a triangle: the places of its ends, the third place, and whether the triangle runs from the lesser to the greater.
+type Side = ([u32; 2], u32, bool);
+
+/// Returns whether the four triangles of an edge are two sheets back to back, as where bodies have a wall in common and each its
+/// own copy of it: on either side two that run opposite ways, less than 60 degrees apart.
+fn is_double(surface: &Surface, edge: &[Side]) -> bool {
+    let &[(ends, ..), _, _, _] = edge else { return false };
+    let [from, to] = ends.map(|v| surface.vertices[v as usize].position);
+    let along = sub(to, from);
+    let away = |side: &Side| {
+        let third = sub(surface.vertices[side.1 as usize].position, from);
+        sub(third, scale(along, dot(third, along) / length_sq(along)))
+    };
+    let (forward, backward): (Vec<&Side>, Vec<&Side>) = edge.iter().partition(|side| side.2);
+    let (&[a, b], &[c, d]) = (&forward[..], &backward[..]) else { return false };
+    let [a, b, c, d] = [a, b, c, d].map(away);
+    let is_near = |p: Vec3, q: Vec3| dot(p, q) > 0.5 * (length_sq(p) * length_sq(q)).sqrt();
+    is_near(a, c) && is_near(b, d) || is_near(a, d) && is_near(b, c)
 }
