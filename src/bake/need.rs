@@ -4,6 +4,7 @@
 
 use super::charts::Charts;
 use super::normals;
+use super::original::staging_bytes;
 use super::settings::{Options, work_bytes};
 use stonecut_io::ply::{FaceBlock, FaceLooks, MeshSource};
 use stonecut_render::texture::{BasisCoding, Paint, Palette, Purpose, SEEN, WantedMaps};
@@ -37,8 +38,16 @@ pub(super) fn least_work_bytes(palette: &Palette, coding: Option<BasisCoding>, t
 /// Bytes of a triangle of a result in memory, with half a vertex that carries colours.
 const SHAPE_BYTES: u64 = 36;
 
-/// Bytes on disk for a corner of the original: sorted to part vertices along charts, then in cells.
-const CORNER_BYTES: u64 = 80;
+/// Bytes on disk for a triangle and a vertex of the original: in cells, and while vertices are parted along charts.
+const CUT_BYTES: [u64; 2] = [6, 20];
+const STAGED_BYTES: [u64; 2] = [33, 24];
+/// Vertices for a triangle where charts part them, at least.
+const PARTED_VERTICES: f64 = 0.6;
+/// Bytes for a triangle in the first sort, and those of its runs on disk that add to the most at any time.
+const SORT_BYTES: u64 = 96;
+const SORT_RUN_BYTES: u64 = 20;
+/// A staged mesh of fewer bytes stays in memory.
+const STAGED_IN_MEMORY: u64 = 16 << 20;
 
 /// Bytes of a triangle of the original in a cell with its tree, about.
 const CELL_BYTES: u64 = 260;
@@ -69,10 +78,12 @@ const WITHOUT_HALVES: f64 = 0.75;
 const MOST_BLOCKS: u64 = 8;
 
 /// Seconds of one core of a busy machine.
-const SECONDS_PER_TEXEL: f64 = 0.25e-6;
+const SECONDS_PER_TEXEL: f64 = 0.085e-6;
 const SECONDS_PER_PAGE_TEXEL: f64 = 60e-9;
+/// Images that are decoded small take less, but a quarter of it.
 const SECONDS_PER_PIXEL: f64 = 15e-9;
-const SECONDS_PER_TRIANGLE: f64 = 11e-6;
+const LEAST_PIXEL_SHARE: f64 = 0.25;
+const SECONDS_PER_TRIANGLE: f64 = 8e-6;
 const SECONDS_PER_CHART_TRIANGLE: f64 = 4e-6;
 
 /// Needs of a bake.
@@ -161,11 +172,11 @@ pub fn check(
         + if is_held { n_canvases * canvas } else { 0 };
     let cpu_seconds = SECONDS_PER_TEXEL * n_texels
         + (SECONDS_PER_PAGE_TEXEL + coding_seconds) * on_pages
-        + SECONDS_PER_PIXEL * palette.n_pixels() as f64
+        + SECONDS_PER_PIXEL * share.sqrt().max(LEAST_PIXEL_SHARE) * palette.n_pixels() as f64
         + SECONDS_PER_TRIANGLE * n_in as f64
         + SECONDS_PER_CHART_TRIANGLE * n_triangles as f64;
     Ok(BakeNeed {
-        temp_bytes: CORNER_BYTES * original.n_corners() + on_disk,
+        temp_bytes: original_bytes(original, memory_bytes) + on_disk,
         page_bytes: (bytes_each * on_pages) as u64,
         n_texels: n_texels as u64,
         n_images: images.len() as u64,
@@ -173,6 +184,21 @@ pub fn check(
         memory_bytes: taken + work,
         cpu_seconds,
     })
+}
+
+/// Bytes on disk for the original, about: in cells, and while its vertices are parted along charts.
+fn original_bytes(original: &MeshSource, memory_bytes: u64) -> u64 {
+    let n = original.n_triangles();
+    let n_vertices = original.n_vertices().max((PARTED_VERTICES * n as f64) as u64);
+    let of = |[triangle, vertex]: [u64; 2]| triangle * n + vertex * n_vertices;
+    let memory = staging_bytes(memory_bytes);
+    let mut bytes = of(CUT_BYTES);
+    if original.has_corner_texture() {
+        let staged = of(STAGED_BYTES);
+        bytes += if staged > STAGED_IN_MEMORY.min(memory / 16) { staged } else { 0 };
+        bytes += if SORT_BYTES * n > memory / 3 { SORT_RUN_BYTES * n } else { 0 };
+    }
+    bytes
 }
 
 /// Texels of a surface on its pages.

@@ -103,8 +103,8 @@ const PAGE_BYTES: f64 = 12.0;
 /// Bytes of a triangle in the copy of the input that has colours instead of images.
 const FACE_BYTES: u64 = 13;
 
-/// Processor seconds for a triangle, for the expected time only (dragon 2.1e-6, chest 2.5e-6).
-const SECONDS_PER_TRIANGLE: f64 = 2.4e-6;
+/// Processor seconds for a triangle, for the expected time only (statue of 4 M 1.75e-6).
+const SECONDS_PER_TRIANGLE: f64 = 2.0e-6;
 /// The same where vertices have properties (the legion with colours 4.6e-6, not welded 5.9e-6).
 const SECONDS_WITH_PROPERTIES: f64 = 5e-6;
 /// The same where corners have texture coordinates (`synth rooms` 6.4e-6, the legion 8e-6 with its OBJ file read).
