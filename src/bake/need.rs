@@ -4,7 +4,6 @@
 
 use super::charts::Charts;
 use super::normals;
-use super::original::staging_bytes;
 use super::settings::{Options, work_bytes};
 use stonecut_io::ply::{FaceBlock, FaceLooks, MeshSource};
 use stonecut_render::texture::{BasisCoding, Paint, Palette, Purpose, SEEN, WantedMaps};
@@ -85,6 +84,11 @@ const SECONDS_PER_PIXEL: f64 = 15e-9;
 const LEAST_PIXEL_SHARE: f64 = 0.25;
 const SECONDS_PER_TRIANGLE: f64 = 8e-6;
 const SECONDS_PER_CHART_TRIANGLE: f64 = 4e-6;
+
+/// Memory for the sorts of staging.
+pub(super) fn staging_bytes(memory_bytes: u64) -> u64 {
+    (memory_bytes / 2).max(3 << 20)
+}
 
 /// Needs of a bake.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

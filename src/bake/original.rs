@@ -140,11 +140,6 @@ pub(super) struct Cell {
     pub tree: Tree,
 }
 
-/// Memory for the sorts of staging.
-pub(super) fn staging_bytes(memory_bytes: u64) -> u64 {
-    (memory_bytes / 2).max(3 << 20)
-}
-
 impl Original {
     /// Cuts the original into cells in the folder for temporary data.
     pub fn cut(
@@ -163,7 +158,7 @@ impl Original {
         }
         let number = carry.properties.iter().find(|p| p.property.name == NUMBER).cloned();
         let stage = StageOptions {
-            memory_bytes: staging_bytes(means.memory_bytes),
+            memory_bytes: super::need::staging_bytes(means.memory_bytes),
             disk: means.disk.clone(),
             ..StageOptions::new(means.temp_dir)
         };

@@ -5,8 +5,10 @@
 
 use super::charts::Charts;
 use super::nearest::CellCache;
-use super::need::{CANVAS_SHARE, CELL_SHARE, IMAGE_SHARE, POINT_SHARE, least_work_bytes};
-use super::original::{Original, staging_bytes};
+use super::need::{
+    CANVAS_SHARE, CELL_SHARE, IMAGE_SHARE, POINT_SHARE, least_work_bytes, staging_bytes,
+};
+use super::original::Original;
 use super::page_kind::PageKind;
 use super::pages::Canvas;
 use super::projected::{Projected, project};
