@@ -81,7 +81,7 @@ pub struct Baked {
     pub corners: PathBuf,
     /// Look of the pages besides their images.
     pub finish: Finish,
-    /// True if the pages show the colours of vertices: no image of the original does.
+    /// True if the pages show all colours of vertices: no image of the original is seen through them.
     #[serde(default)]
     pub holds_vertex_colours: bool,
     /// For people and for the report.
