@@ -201,7 +201,7 @@ fn add(
         let wrap = texture.sampler.and_then(|sampler| document.samplers.get(sampler));
         let wrap = wrap.map(|s| [s.wrap_s.unwrap_or(REPEAT), s.wrap_t.unwrap_or(REPEAT)]);
         let wrap = wrap.filter(|wrap| *wrap != [REPEAT; 2]);
-        new.maps.push(Map { kind, image, options: String::new(), wrap, shows_wrap: false });
+        new.maps.push(Map { wrap, ..Map::new(kind, image, String::new()) });
     }
     out.list.push(new);
     Ok(coordinates)

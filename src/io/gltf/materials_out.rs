@@ -1,6 +1,6 @@
 //! Materials and images of a GLB file that is written.
 
-use crate::materials::{Alpha, Map, MapKind, Material, Reference, TexturePlan};
+use crate::materials::{Alpha, CLAMP_TO_EDGE, Map, MapKind, Material, Reference, TexturePlan};
 use serde_json::{Map as Object, Value, json};
 use stonecut_mesh::oklab::linear_of_srgb;
 
@@ -112,9 +112,6 @@ const UNLIT: &str = "KHR_materials_unlit";
 pub(super) const WEBP: &str = "EXT_texture_webp";
 pub(super) const BASIS: &str = "KHR_texture_basisu";
 const TRANSFORM: &str = "KHR_texture_transform";
-
-/// glTF's number for an image that ends at its border.
-const CLAMP_TO_EDGE: u32 = 33071;
 
 /// Material, texture and sampler objects (Khronos, sections 3.9 and 5).
 pub(super) fn materials(plan: &TexturePlan, images: &OutImages) -> Lists {

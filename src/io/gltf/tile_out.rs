@@ -9,6 +9,7 @@ use super::materials_out::BASIS;
 use super::meshopt_out::{OCTAHEDRAL, octahedral, pack_triangles, reorder};
 use super::meshopt_vertices::encode_vertices;
 use super::tile_scalars::{TileScalar, element};
+use crate::materials::CLAMP_TO_EDGE;
 use serde_json::{Value, json};
 
 /// Numbers of glTF 2.0 for types of components and uses of buffers.
@@ -18,9 +19,6 @@ const U32: u32 = 5125;
 const F32: u32 = 5126;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
-
-/// A sampler that does not repeat its image.
-const CLAMP: u32 = 33071;
 
 const MESHOPT: &str = "EXT_meshopt_compression";
 const UNLIT: &str = "KHR_materials_unlit";
@@ -293,7 +291,7 @@ pub fn encode_tile(mut mesh: TileMesh, form: TileForm) -> (Vec<u8>, Vec<u32>) {
     });
     if let (Some(page), Some(view)) = (form.page, page_view) {
         document["images"] = json!([{ "bufferView": view, "mimeType": page.mime }]);
-        document["samplers"] = json!([{ "wrapS": CLAMP, "wrapT": CLAMP }]);
+        document["samplers"] = json!([{ "wrapS": CLAMP_TO_EDGE, "wrapT": CLAMP_TO_EDGE }]);
         let source = json!({ "source": 0 });
         let mut texture =
             if is_basis { json!({ "extensions": { BASIS: source } }) } else { source };

@@ -110,10 +110,17 @@ pub struct MapPlace {
     pub has_others: bool,
 }
 
-/// An image that ends at its border, as glTF numbers it, along both coordinates.
-const CLAMPED: [u32; 2] = [33071; 2];
+/// Tiling of an image that ends at its border, as glTF numbers it.
+pub(crate) const CLAMP_TO_EDGE: u32 = 33071;
+
+const CLAMPED: [u32; 2] = [CLAMP_TO_EDGE; 2];
 
 impl Map {
+    /// An image that repeats, with options of a material library.
+    pub fn new(kind: MapKind, image: usize, options: String) -> Map {
+        Map { kind, image, options, wrap: None, shows_wrap: false }
+    }
+
     /// Options of a material library, with the tiling if they can say it.
     pub fn library_options(&self) -> String {
         let clamp = if self.wrap == Some(CLAMPED) { "-clamp on" } else { "" };
@@ -310,13 +317,7 @@ impl Materials {
                 let data = ImageData::File(path.clone());
                 let image = out.add_image(Image { name: name.clone(), data });
                 let options = String::new();
-                material.maps.push(Map {
-                    kind: MapKind::Base,
-                    image,
-                    options,
-                    wrap: None,
-                    shows_wrap: false,
-                });
+                material.maps.push(Map::new(MapKind::Base, image, options));
                 let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
                 material.name = stem.unwrap_or_default();
             }

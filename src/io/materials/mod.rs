@@ -12,6 +12,7 @@ mod mtl_text;
 mod plan;
 mod search;
 
+pub(crate) use description::CLAMP_TO_EDGE;
 pub use description::NUMBER;
 pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 pub use images::{copy_bytes, image_size, look as look_at_image};

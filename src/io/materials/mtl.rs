@@ -105,13 +105,7 @@ pub fn read_library(
                 let data = ImageData::File(images.find(name));
                 let name = plain(&encodings::name(name));
                 let image = out.add_image(Image { name, data });
-                out.list[number].maps.push(Map {
-                    kind,
-                    image,
-                    options,
-                    wrap: None,
-                    shows_wrap: false,
-                });
+                out.list[number].maps.push(Map::new(kind, image, options));
             }
         } else if let Some(lost) = LOST_FILES.iter().find(|lost| lost.eq_ignore_ascii_case(word)) {
             let what = format!("images of '{lost}' lines in the material library");

@@ -265,13 +265,7 @@ fn materials_of(baked: &Baked, stem: &str) -> Result<Materials> {
             // A part of a file, so that it is copied although it lies below the output's folder for now.
             let data = ImageData::Inside(Part { n_bytes: file.len(), file, offset: 0 });
             let image = out.add_image(Image { name, data });
-            let of = |&kind: &MapKind| Map {
-                kind,
-                image,
-                options: String::new(),
-                wrap: None,
-                shows_wrap: false,
-            };
+            let of = |&kind: &MapKind| Map::new(kind, image, String::new());
             maps.extend(roles.iter().map(of));
         }
         out.list.push(Material {

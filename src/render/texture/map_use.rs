@@ -118,13 +118,7 @@ mod tests {
     use stonecut_io::materials::MapKind;
 
     fn map(options: &str, wrap: Option<[u32; 2]>) -> MapUse {
-        let map = Map {
-            kind: MapKind::Base,
-            image: 0,
-            options: options.to_owned(),
-            wrap,
-            shows_wrap: false,
-        };
+        let map = Map { wrap, ..Map::new(MapKind::Base, 0, options.to_owned()) };
         MapUse::new(&map, [4, 2])
     }
 

@@ -473,7 +473,7 @@ mod tests {
         materials.add_image(Image { name: "image".to_owned(), data });
         let material = |alpha: Alpha| {
             let options = String::new();
-            let map = Map { kind: MapKind::Base, image: 0, options, wrap: None, shows_wrap: false };
+            let map = Map::new(MapKind::Base, 0, options);
             Material { alpha, maps: vec![map], ..Material::default() }
         };
         let images = |list: &[Alpha]| {
