@@ -27,8 +27,8 @@ pub(super) fn has_own_pace(stage: &str) -> bool {
     stage == "bake"
 }
 
-/// Stages whose count is over long before they are (of two sides one is counted): what they have left is told by the plan.
-fn counts_early(stage: &str) -> bool {
+/// Stages that count samples alone, and neither trees nor vertices: what they have left is told by the plan.
+fn counts_in_part(stage: &str) -> bool {
     stage == "measure"
 }
 
@@ -237,7 +237,7 @@ impl Pace {
         let units = |count: u64| count.saturating_sub(self.given) as f64;
         let all = units(self.stage.total).max(1.0);
         let of_stage = self.times(is_pass(self.stage.name), Timing::default()) * self.expected;
-        if self.has_plan && counts_early(self.stage.name) {
+        if self.has_plan && counts_in_part(self.stage.name) {
             return (of_stage - seconds_between(self.stage_started, Instant::now())).max(0.0);
         }
         let share = units(self.counted) / all;
@@ -339,7 +339,7 @@ mod tests {
         assert!((150.0..200.0).contains(&figures.seconds_left), "{}", figures.seconds_left);
     }
 
-    /// One side of a comparison is counted, and the other takes as long.
+    /// A comparison builds trees and looks at vertices without a count.
     #[test]
     fn a_count_that_is_over_early_does_not_end_a_stage() {
         let measure = stage("measure", 2, 2, 100_000);
