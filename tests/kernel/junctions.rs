@@ -105,3 +105,88 @@ fn short_lines_come_apart() {
     let result = simplify(&mesh, &vec![false; mesh.positions.len()], Topology::Error);
     assert_eq!(edges(&result).get(&3), None);
 }
+
+/// A box of `size` squares from `first` on, whose vertices are its own.
+fn add_box(mesh: &mut Mesh, first: [usize; 3], size: [usize; 3]) {
+    let mut numbers = BTreeMap::new();
+    for axis in 0..3 {
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        for end in [0, size[axis]] {
+            let corners: Vec<u32> = squares(size[u] + 1, size[v] + 1)
+                .map(|(x, y)| {
+                    let mut place = first;
+                    (place[axis], place[u], place[v]) =
+                        (first[axis] + end, first[u] + x, first[v] + y);
+                    *numbers.entry(place).or_insert_with(|| {
+                        mesh.positions.push(place.map(|x| x as f64 / 16.0));
+                        mesh.positions.len() as u32 - 1
+                    })
+                })
+                .collect();
+            let mut triangles =
+                halves(squares(size[u], size[v]), |x, y| corners[y * (size[u] + 1) + x]);
+            triangles.iter_mut().filter(|_| end == 0).for_each(|t| t.swap(1, 2));
+            mesh.triangles.extend(triangles);
+        }
+    }
+}
+
+fn volume(mesh: &Mesh) -> f64 {
+    let cross = |a: [f64; 3], b: [f64; 3]| {
+        [0, 1, 2].map(|k| a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3])
+    };
+    let of = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
+        cross(b, c).iter().zip(a).map(|(x, y)| x * y).sum::<f64>() / 6.0
+    };
+    mesh.triangles.iter().map(of).sum()
+}
+
+/// Vertices in one place become one, as in files without numbers of vertices.
+fn merge_places(mesh: &mut Mesh) {
+    let mut numbers = BTreeMap::new();
+    let mut positions = Vec::new();
+    let number: Vec<u32> = (mesh.positions.iter())
+        .map(|place| {
+            *numbers.entry(place.map(f64::to_bits)).or_insert_with(|| {
+                positions.push(*place);
+                positions.len() as u32 - 1
+            })
+        })
+        .collect();
+    mesh.triangles.iter_mut().flatten().for_each(|v| *v = number[*v as usize]);
+    *mesh = Mesh::new(positions, std::mem::take(&mut mesh.triangles));
+}
+
+#[test]
+fn bodies_around_an_edge_come_apart() {
+    // Four bodies, of which two each have a copy of the wall between them; all of them meet in the line in the middle.
+    let mut mesh = Mesh::default();
+    for (x, y) in squares(2, 2) {
+        add_box(&mut mesh, [12 * x, 12 * y, 0], [12, 12, 40]);
+    }
+    merge_places(&mut mesh);
+    let before = volume(&mesh);
+    for share in [5, 20, 50] {
+        let stop = Stop::Triangles(mesh.triangles.len() as u64 / share);
+        let free = vec![false; mesh.positions.len()];
+        let result = simplify_mesh(mesh.clone(), &free, &Options { stop, ..Options::default() });
+        let after = volume(&result.mesh);
+        assert!(result.statistics.reached && (after / before - 1.0).abs() < 1e-3, "{after}");
+        assert_eq!(edges(&result.mesh).keys().copied().collect::<Vec<_>>(), [2], "1 in {share}");
+    }
+}
+
+#[test]
+fn bodies_stay_whole_where_their_walls_are_held() {
+    // No edge of the wall may collapse, since its copies meet: there are not enough others.
+    let mut mesh = Mesh::default();
+    add_box(&mut mesh, [0, 0, 0], [16, 16, 16]);
+    add_box(&mut mesh, [16, 0, 0], [16, 16, 16]);
+    let stop = Stop::Triangles(mesh.triangles.len() as u64 / 10);
+    let free = vec![false; mesh.positions.len()];
+    let options = Options { stop, no_self_intersections: true, ..Options::default() };
+    let result = simplify_mesh(mesh, &free, &options);
+    let after = volume(&result.mesh);
+    assert!(!result.statistics.reached && (after / 2.0 - 1.0).abs() < 1e-3, "{after}");
+}

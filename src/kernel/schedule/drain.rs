@@ -28,7 +28,7 @@ const MAX_FAILURES: u8 = 3;
 
 /// Costs rise by this factor from one look at the progress to the next. Measured: of scans that still give
 /// way, dirty ones too, 25 to 56 % of the triangles are left then.
-const STALL_COST: f32 = 16.0;
+pub(super) const STALL_COST: f32 = 16.0;
 /// A drain has stalled if fewer than one in this many triangles went meanwhile. A building scan that was
 /// pressed on from there tripled its error with a seventh of its triangles gone (docs/design/kernel.md).
 const STALL_SHARE: u64 = 3;
@@ -285,7 +285,7 @@ impl Driver {
     }
 
     /// Returns whether costs run away from the progress.
-    fn stalls(&self, cost: f32, mark: &mut StallMark) -> bool {
+    fn stalls(&mut self, cost: f32, mark: &mut StallMark) -> bool {
         // What waits for its price is not a sign of a dead end.
         let refused = self.rejects.topological() - self.deferred;
         let now = StallMark { cost, alive: self.state.surface.n_alive, refused };
@@ -295,9 +295,12 @@ impl Driver {
         } else if mark.cost == f32::MAX {
             *mark = now;
         } else if cost > mark.cost * STALL_COST {
-            let removed = mark.alive.saturating_sub(now.alive);
-            let few = removed < mark.alive / STALL_SHARE;
+            let few = is_few(mark.alive, now.alive);
             if few && refused - mark.refused > mark.alive / 4 {
+                return true;
+            }
+            self.is_held = few && self.is_stuck(0..self.n_blocks(), cost);
+            if self.is_held {
                 return true;
             }
             *mark = now;
@@ -417,6 +420,11 @@ impl Driver {
             _ => {}
         }
     }
+}
+
+/// Returns whether few triangles went while the costs rose by `STALL_COST`.
+pub(super) fn is_few(before: u64, now: u64) -> bool {
+    before.saturating_sub(now) < before / STALL_SHARE
 }
 
 impl Batch {

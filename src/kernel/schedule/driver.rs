@@ -52,6 +52,8 @@ pub(crate) struct Driver {
     /// True once a large component would vanish, or nothing goes on: from then on components on which collapses are stuck
     /// may vanish whole, however many triangles they have.
     pub(super) frees_stuck: bool,
+    /// True once most edges that are left are held where sheets meet: nothing more collapses then.
+    pub(super) is_held: bool,
     /// Keeps the surface near the original, where that was asked for.
     pub(crate) bound: Option<Box<Tracker>>,
     /// Keeps the surface from passing through itself, where that was asked for.
@@ -196,6 +198,7 @@ impl Driver {
             small_components: None,
             area: None,
             frees_stuck: false,
+            is_held: false,
             bound: None,
             crossings: None,
             cut_volume: None,

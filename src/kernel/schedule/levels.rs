@@ -8,8 +8,9 @@
 
 use std::ops::Range;
 
+use crate::collapse::legality::Reject;
 use crate::options::Topology;
-use crate::schedule::drain::Drain;
+use crate::schedule::drain::{Drain, STALL_COST, is_few};
 use crate::schedule::driver::{DrainLimits, Driver};
 use crate::schedule::queue::{BucketQueue, Entry};
 use crate::schedule::seeds::Seeds;
@@ -30,6 +31,9 @@ const MIN_FURTHER_TRIANGLES: u64 = 24 * BLOCK as u64;
 const LEVEL_SHARE: f64 = 0.25;
 /// Levels end at this multiple of the target; the exact queue does the rest.
 const EXACT_MULTIPLE: f64 = 1.4;
+/// Vertices that wait to be taken apart, one for this many triangles or more, are so before the first level.
+const MANY_MISSING: u64 = 32;
+
 impl Driver {
     /// Drains the whole mesh to one threshold, block by block.
     pub(crate) fn level(&mut self, level: f64) {
@@ -74,16 +78,17 @@ impl Driver {
         if self.history.is_some() {
             return self.recorded(target);
         }
+        self.mend_in_steps(target);
         let enough = (target as f64 * EXACT_MULTIPLE) as u64;
         let mut least = MIN_LEVEL_TRIANGLES;
         while self.state.surface.n_alive > enough.max(least) && !self.interrupt.is_raised() {
             least = MIN_FURTHER_TRIANGLES;
             let before = self.state.surface.n_alive;
-            self.free_level(enough, target);
+            let is_stuck = self.free_level(enough, target);
             self.note_quality();
             self.tidy();
             self.mend();
-            if self.state.surface.n_alive as f64 > before as f64 * 0.97 {
+            if is_stuck || self.state.surface.n_alive as f64 > before as f64 * 0.97 {
                 break;
             }
         }
@@ -117,8 +122,23 @@ impl Driver {
         }
     }
 
-    /// One level whose threshold comes from a sample of the blocks.
-    fn free_level(&mut self, enough: u64, target: u64) {
+    /// Takes apart what waits for sources where that is much: a few collapses at a time, so that they come from everywhere, not only from
+    /// where nothing is held.
+    fn mend_in_steps(&mut self, target: u64) {
+        let mut before = u64::MAX;
+        while self.changes.missing < before
+            && self.changes.missing * MANY_MISSING > self.state.surface.n_alive
+            && self.topology == Topology::Error
+        {
+            before = self.changes.missing;
+            self.drain_to(self.state.surface.n_alive.saturating_sub(before / 2 + 2).max(target));
+            self.mend();
+        }
+        self.drained = 0.0;
+    }
+
+    /// One level whose threshold comes from a sample of the blocks. True if most of it is stuck.
+    fn free_level(&mut self, enough: u64, target: u64) -> bool {
         let n_blocks = self.n_blocks();
         let share = (enough as f64 / self.state.surface.n_alive as f64).max(LEVEL_SHARE);
         let pilot = || (0..n_blocks).step_by(PILOT_STRIDE);
@@ -138,22 +158,52 @@ impl Driver {
         }
         let mut cost = quantile(costs, (1.0 - share) * 0.6);
         let mut limits = DrainLimits { cost: f32::MAX, triangles: target, may_stall: false };
+        let (mut mark, mut is_stuck) = ((cost, count(self)), false);
         for _ in 0..200 {
             queue.close_above(cost);
             self.drain(&mut queue, limits);
-            if count(self) <= wanted || self.interrupt.is_raised() {
+            let n = count(self);
+            if n <= wanted || self.interrupt.is_raised() {
                 break;
+            }
+            if cost > mark.0 * STALL_COST {
+                is_stuck = is_few(mark.1 as u64, n as u64) && self.is_stuck(pilot(), cost);
+                if is_stuck {
+                    break;
+                }
+                mark = (cost, n);
             }
             cost *= std::f32::consts::SQRT_2;
         }
-        limits.cost = queue.highest_cost();
+        limits.cost = if is_stuck { mark.0 } else { queue.highest_cost() };
         for block in (0..n_blocks).filter(|block| block % PILOT_STRIDE != 0) {
             if self.interrupt.is_raised() {
-                return;
+                return false;
             }
             self.drain_block(&mut queue, block, limits);
         }
         self.drained = limits.cost;
+        is_stuck
+    }
+
+    /// Returns whether most edges of some blocks, drained to this cost, are so cheap that they must have been refused, or may not collapse
+    /// at all, and that because sheets meet there. To go on would take everything from the few that can still collapse.
+    pub(super) fn is_stuck(&self, blocks: impl Iterator<Item = usize>, cost: f32) -> bool {
+        let met = self.rejects.of(Reject::SelfIntersection) + self.rejects.of(Reject::NonManifold);
+        if met <= self.rejects.topological() {
+            return false;
+        }
+        let (mut n_alive, mut n_free) = (0, 0);
+        for block in blocks {
+            let block = self.block(block);
+            n_alive +=
+                self.state.surface.triangles[block.clone()].iter().filter(|t| t[0] != GONE).count();
+            self.each_edge(block, f32::INFINITY, |_, _, own| {
+                n_free += usize::from(own * STALL_COST > cost)
+            });
+        }
+        // Three edges for two triangles.
+        4 * n_free < 3 * n_alive
     }
 
     fn block(&self, block: usize) -> Range<usize> {
@@ -220,6 +270,7 @@ impl Driver {
     }
 
     fn drain_to(&mut self, target: u64) -> bool {
+        self.is_held = false;
         if self.drained == 0.0 {
             // Costs that half of the edges do not reach rise fast in any mesh.
             self.drained = self.low_cost((0..self.n_blocks()).step_by(4), 0.5);
@@ -234,7 +285,7 @@ impl Driver {
             let stalled = self.drain(&mut queue, limits);
             // What was refused may have become legal since; without any progress it has not.
             let is_stuck = stalled || self.state.surface.n_alive == before;
-            if is_stuck && self.frees_stuck == freed_stuck && !self.free_stuck() {
+            if self.is_held || is_stuck && self.frees_stuck == freed_stuck && !self.free_stuck() {
                 break;
             }
         }

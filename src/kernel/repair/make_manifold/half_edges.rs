@@ -5,11 +5,14 @@
 
 use super::places::{NONE, Places};
 use crate::surface::Surface;
+use std::f64::consts::TAU;
 use stonecut_mesh::union_find::Union;
-use stonecut_mesh::vec3::{Vec3, dot, length_sq, normal, scale, sub};
+use stonecut_mesh::vec3::{Vec3, cross, dot, length_sq, normal, scale, sub};
 
 /// Edges at which more pairs than this could be made are left as found.
 const MOST_PAIRS: usize = 1 << 12;
+/// Angle below which two walls, copies that differ a little, do not have a body between them: 20 degrees.
+const THIN: f64 = TAU / 18.0;
 
 /// A side of a triangle, from one corner of the patch to the next of the same triangle. Ordered by where it
 /// lies, then by direction.
@@ -116,12 +119,17 @@ impl Patch {
                 continue;
             }
             let sign = if known.is_crossed[edge] { -1.0 } else { 1.0 };
+            let is_rim = self.places.rims.binary_search(&sides[0].ends()).is_ok();
             choices.clear();
             for (i, &f) in forward.iter().enumerate() {
                 for (j, &b) in backward.iter().enumerate() {
                     let is_joined = self.vertices(f) == self.vertices(b);
                     if is_joined || may_join {
-                        choices.push((!is_joined, sign * self.bend(surface, f, b), i, j));
+                        let bend = match is_rim {
+                            true => self.inside(surface, f, b),
+                            false => self.bend(surface, f, b),
+                        };
+                        choices.push((!is_joined, sign * bend, i, j));
                     }
                 }
             }
@@ -150,6 +158,23 @@ impl Patch {
             }
         }
         self.vertex.iter().for_each(|&v| first[v as usize] = NONE);
+    }
+
+    /// Returns the angle within a body between two triangles at their common edge, of which `forward` runs from the lesser place to the
+    /// greater. Those nearly on each other are the walls of two bodies, not of a thin one.
+    fn inside(&self, surface: &Surface, forward: Side, backward: Side) -> f64 {
+        let place = |corner: u32| surface.vertices[self.vertex[corner as usize] as usize].position;
+        let (from, to) = (place(forward.from()), place(forward.to()));
+        let third = |side: Side| 3 * (side.from() / 3) + (side.from() + 2) % 3;
+        let along = sub(to, from);
+        let away = |side: Side| {
+            let third = sub(place(third(side)), from);
+            sub(third, scale(along, dot(third, along) / length_sq(along)))
+        };
+        let (f, b) = (away(forward), away(backward));
+        let turn = dot(cross(b, f), along) / length_sq(along).sqrt();
+        let angle = turn.atan2(dot(b, f));
+        if angle < THIN { angle + TAU } else { angle }
     }
 
     /// Returns how far two triangles bend at their common edge: 0 flat, 2 folded onto each other.

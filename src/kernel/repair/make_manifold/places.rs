@@ -15,6 +15,8 @@ pub(super) struct Places {
     pub(super) place: Vec<u32>,
     /// Non-manifold vertices off junction curves, and open ones that share their place. All others stay what they are: one fan.
     pub(super) is_affected: Vec<bool>,
+    /// Edges at which bodies meet (`Curves::into_rims`).
+    pub(super) rims: Vec<[u32; 2]>,
 }
 
 impl Places {
@@ -50,7 +52,7 @@ impl Places {
                 is_affected[v as usize] = is_met(same, v);
             }
         }
-        let mut places = Places { place, is_affected };
+        let mut places = Places { place, is_affected, rims: Vec::new() };
         places.spare_curves(surface);
         places.is_affected.contains(&true).then_some(places)
     }
@@ -80,6 +82,7 @@ impl Places {
                 (self.place[v], self.is_affected[v]) = (v as u32, false);
             }
         }
+        self.rims = curves.into_rims();
     }
 
     /// Triangles, ascending, of which at least `least` corners are affected.
