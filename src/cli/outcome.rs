@@ -43,6 +43,9 @@ pub(super) fn close(report: &mut RunReport, config: &Config, progress: &Progress
 const AS_ASKED: [&str; 4] =
     ["as asked", "given up", "goes with the texture", "a new texture has its own"];
 
+/// A result of cells with less than this share of the triangles that were asked for is named.
+const FEWER_ARE_SAID: f64 = 0.98;
+
 /// Says what a run has done.
 pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     if log.summary(&report.written()) {
@@ -138,6 +141,13 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
         log.say_reason(format!(
             "short of the target of {} triangles: {}",
             report.target, report.stop_reason
+        ));
+    }
+    let share = report.output.triangles as f64 / report.target.max(1) as f64;
+    if report.rounds > 0 && report.max_error.is_none() && share < FEWER_ARE_SAID {
+        log.say(format!(
+            "{:.0} % fewer triangles than asked for, since the cells of this mesh fall unevenly; larger --cell-triangles meet the count",
+            100.0 * (1.0 - share)
         ));
     }
     if let Some(solid) = report.solid.filter(|solid| !solid.met) {

@@ -53,7 +53,18 @@ pub(crate) fn each_row(
     file: &RawFile,
     range: Range<u64>,
     layout: RowLayout,
+    each: impl FnMut(&mut [u8]) -> Result<()>,
+) -> Result<()> {
+    each_row_of_pieces(file, range, layout, each, |_| Ok(()))
+}
+
+/// The same, and `put` with all rows of a piece of the file after their turn.
+pub(crate) fn each_row_of_pieces(
+    file: &RawFile,
+    range: Range<u64>,
+    layout: RowLayout,
     mut each: impl FnMut(&mut [u8]) -> Result<()>,
+    mut put: impl FnMut(&[u8]) -> Result<()>,
 ) -> Result<()> {
     let mut buffer = Vec::new();
     let Range { start: mut at, end } = range;
@@ -71,6 +82,7 @@ pub(crate) fn each_row(
             each(row)?;
         }
         assert!(done > 0 || at < end, "faces are whole rows");
+        put(&buffer[..done])?;
         buffer.drain(..done);
     }
     Ok(())

@@ -57,4 +57,5 @@ pub use quality::{Quality, QualityAt};
 pub use run::{simplify_mesh, simplify_mesh_portably};
 pub use statistics::{FitStatistics, Simplified, Statistics};
 pub use stepwise::{CloseLevels, Stepwise};
+pub use surface::models::Models;
 pub use topology::MAX_SPECK;

@@ -29,6 +29,13 @@ pub enum Stop {
     /// As `Costs`, for thresholds so close together that seeding a queue for each would cost more than the
     /// collapses: one queue over the whole mesh serves them all.
     CloseCosts(Vec<f64>),
+    /// Cheapest first, until all that is left costs more than a threshold, or about this many triangles are left.
+    Free {
+        /// The threshold, in units^4.
+        cost: f64,
+        /// Triangles that stay.
+        triangles: u64,
+    },
 }
 
 /// Options of `simplify_mesh`; every value is final.
@@ -120,7 +127,9 @@ impl Options {
                 sweeps: SWEEPS,
                 is_sparse: false,
             }),
-            Stop::Costs(_) | Stop::CloseCosts(_) => self.round_goal(n_triangles),
+            Stop::Costs(_) | Stop::CloseCosts(_) | Stop::Free { .. } => {
+                self.round_goal(n_triangles)
+            }
         }
     }
 

@@ -161,6 +161,10 @@ pub(crate) fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: Simd) ->
             statistics.level_counts = driver.close_levels(levels);
             statistics.reached = true;
         }
+        Stop::Free { cost, triangles } => {
+            driver.free_to(*cost, *triangles);
+            statistics.reached = true;
+        }
     }
     finish(driver, statistics, options.keeps_relief)
 }
@@ -226,6 +230,7 @@ pub(crate) fn finish(
     let is_whole = || surface.rings.iter().all(|ring| ring.class != Some(Class::Locked));
     let may_turn = driver.changes.one_sided.is_some() && !surface.has_walls;
     let turns = may_turn && relief.is_empty() && is_whole();
+    let models = driver.state.take_models();
     let (mut mesh, source) = driver.state.into_mesh();
     if turns {
         let (_, n_bodies) = turn_outward(&mut mesh);
@@ -233,5 +238,5 @@ pub(crate) fn finish(
     }
     (mesh.relief, mesh.extremes) = (relief, extremes);
     let followed = followed.map_or(Vec::new(), |followed| followed.into_result(&source));
-    Simplified { mesh, source, followed, history, statistics }
+    Simplified { mesh, source, models, followed, history, statistics }
 }

@@ -2,6 +2,7 @@
 
 use crate::history::History;
 use crate::quality::{Quality, QualityAt};
+use crate::surface::models::Models;
 use stonecut_mesh::Mesh;
 
 /// Statistics of a run of the kernel.
@@ -41,6 +42,8 @@ pub struct Simplified {
     /// For each vertex of `mesh`, the input vertex that survived as it (`v1` of its collapses).
     /// A locked vertex that the input's triangles use always survives, bit for bit.
     pub source: Vec<u32>,
+    /// Vertices that were made, as copies of others: whose values they have that are in no channel.
+    pub models: Models,
     /// With `Options::follow`, for each vertex of the input the vertex of `mesh` that it went into by collapses;
     /// `u32::MAX` where it leads nowhere. Empty otherwise.
     pub followed: Vec<u32>,

@@ -371,6 +371,44 @@ const DIALECTS: [(&str, &[&str]); 6] = [
     ("constant", &["int flags", "uchar red", "uchar green", "uchar blue", "double nothing"]),
 ];
 
+/// Quads of two triangles that touch at corners alone (label 7), and two sheets elsewhere (100 and 200).
+pub(crate) fn checker_board_beside_sheets(n: usize) -> Triangles {
+    let (mut points, mut faces) = (Vec::new(), Vec::new());
+    for (sheet, is_checkered) in [(0, true), (1, false), (2, false)] {
+        let first = points.len();
+        for (i, j) in (0..=n).flat_map(|i| (0..=n).map(move |j| (i, j))) {
+            let [x, y] = [i, j].map(|k| k as f64 / n as f64);
+            points.push([x + 2.0 * f64::from(sheet), y, 0.05 * (9.0 * x).sin() * (7.0 * y).cos()]);
+        }
+        for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
+            let at = |i: usize, j: usize| first + i * (n + 1) + j;
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            if !is_checkered || (i + j) % 2 == 0 {
+                faces.extend([[a, b, c], [a, c, d]]);
+            }
+        }
+    }
+    (points, faces)
+}
+
+#[test]
+fn what_is_taken_apart_keeps_the_label_of_its_place() {
+    let at = &scratch();
+    let mesh = checker_board_beside_sheets(40);
+    let label = |x: f64| [7.0, 100.0, 200.0][(x / 2.0).floor() as usize];
+    write(&at.join("in.ply"), &mesh, &["int label"], |_, [x, ..], _| label(x));
+    for (cells, threads) in [("", 1), ("--cell-triangles 1000", 2)] {
+        let line = format!("simplify in.ply out.ply --ratio 40% --force -q {cells}");
+        expect(at, &format!("{line} --threads {threads}"), 0);
+        let result = read(&at.join("out.ply"));
+        assert!(result.faces.len() > 2000);
+        for (&t, values) in result.faces.iter().zip(&result.values) {
+            let [x, ..] = centre(&result.points, t);
+            assert_eq!(values[0], label(x), "{cells} at {x}");
+        }
+    }
+}
+
 #[test]
 fn every_property_of_every_program_comes_back_with_its_type() {
     let folder = &scratch();

@@ -1,7 +1,7 @@
 //! Labels of vertices: their borders stay sharp, numbers that differ nearly everywhere hold nothing.
 
 use crate::common::{expect, scratch};
-use crate::faces::{Triangles, sphere};
+use crate::faces::{Triangles, checker_board_beside_sheets, sphere};
 use std::path::Path;
 
 /// Three labels on a sphere of radius 10: a cap, and two halves with a wavy border.
@@ -168,4 +168,20 @@ fn whole_floats_of_faces_are_labels() {
     let of_face = |line: &str| line.strip_prefix("3 ")?.split(' ').nth(3)?.parse().ok();
     let labels: Vec<f32> = out.lines().filter_map(of_face).collect();
     assert!(labels.len() > 500 && labels.iter().all(|l| [3.0, 9.0, 200.0].contains(l)));
+}
+
+#[test]
+fn what_is_taken_apart_keeps_the_class_of_its_place() {
+    let at = &scratch();
+    let mesh = checker_board_beside_sheets(40);
+    let class = |x: f64| [5u8, 9, 40][((x + 0.5) / 2.0).floor() as usize];
+    write(&at.join("in.ply"), &mesh, "uchar class", |v| vec![class(mesh.0[v][0])]);
+    for cells in ["", " --cell-triangles 1000"] {
+        expect(at, &format!("simplify in.ply out.ply --ratio 70% --force -q{cells}"), 0);
+        let (points, values, _) = read(&at.join("out.ply"), 1);
+        assert!(points.len() > 2000);
+        for ([x, ..], value) in points.iter().zip(&values) {
+            assert_eq!(value[0], class(*x), "{cells} at {x}");
+        }
+    }
 }

@@ -171,7 +171,10 @@ impl<'a> Joiner<'a> {
             let joined = held.join();
             let mut out = options.spool();
             out.write(extras.header(joined.len() as u64, n_faces, (false, has)).as_bytes())?;
-            joined.iter().try_for_each(|open| out.write(&open.row(&extras)))?;
+            let mut row = Vec::new();
+            for open in &joined {
+                out.write(open.row(&extras, &mut row))?;
+            }
             let labels = self.labels.finish(name.path())?;
             let mut faces = Faces::new(&labels, (has, label_bytes), false);
             for corner in corners.as_flattened() {
@@ -199,12 +202,12 @@ impl<'a> Joiner<'a> {
         })?;
         let mut ids = options.sort::<4>(memory_bytes(options));
         let mut vertices = options.spool();
-        let (mut n_vertices, mut open): (u64, Option<Open>) = (0, None);
+        let (mut n_vertices, mut open, mut row) = (0u64, None::<Open>, Vec::new());
         by_first.drain(|record| {
             let first = whole(record[0], record[1]);
             if open.as_ref().is_none_or(|open| open.first != first) {
                 if let Some(open) = open.take() {
-                    vertices.write(&open.row(&extras))?;
+                    vertices.write(open.row(&extras, &mut row))?;
                 }
                 open = Some(Open::new(first, &record));
                 n_vertices += 1;
@@ -216,7 +219,7 @@ impl<'a> Joiner<'a> {
             ids.push([record[2], record[3], high, low])
         })?;
         if let Some(open) = open {
-            vertices.write(&open.row(&extras))?;
+            vertices.write(open.row(&extras, &mut row))?;
         }
         let mut table = options.spool();
         ids.drain(|[_, _, high, low]| table.write(&whole(high, low).to_le_bytes()))?;
@@ -300,8 +303,9 @@ impl Open {
         Open { first, position, colour: record[13].to_le_bytes(), normal: [0.0; 3] }
     }
 
-    fn row(&self, extras: &Extras) -> Vec<u8> {
-        let mut row = Vec::new();
+    /// Its row, written into `row`.
+    fn row<'a>(&self, extras: &Extras, row: &'a mut Vec<u8>) -> &'a [u8] {
+        row.clear();
         for x in self.position {
             match extras.coordinate {
                 Scalar::F64 => row.extend_from_slice(&x.to_le_bytes()),

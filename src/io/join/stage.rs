@@ -18,7 +18,9 @@ use crate::open_options::StageOptions;
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::source::Staged;
 use crate::ply::{FaceSchema, MeshSource, OutputHeader, PartReport, TextureInfo};
-use crate::restaged::{FaceRows, RowLayout, corner, each_row, face_rows, set_corner, staged_file};
+use crate::restaged::{
+    FaceRows, RowLayout, corner, each_row, each_row_of_pieces, face_rows, set_corner, staged_file,
+};
 use crate::sidecars::Georeference;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -255,11 +257,15 @@ impl Gathered {
         self.formats.insert(if is_placed { "3D Tiles" } else { source.file_format() });
         self.given_bytes += source.given_bytes();
         self.vertices.append_file(&vertices)?;
-        each_row(&faces.rows, 0..faces.rows.len(), RowLayout::of(&layout), |row| {
+        let add_base = |row: &mut [u8]| {
             for i in 0..usize::from(row[0]) {
                 set_corner(row, i, corner(row, i) + base as u32);
             }
-            self.faces.write(row)
+            Ok(())
+        };
+        let range = 0..faces.rows.len();
+        each_row_of_pieces(&faces.rows, range, RowLayout::of(&layout), add_base, |rows| {
+            self.faces.write(rows)
         })?;
         self.borders.append(&borders, base, self.n_faces)?;
         let n_vertices = source.n_vertices();

@@ -73,6 +73,16 @@ impl Driver {
         self.state.surface.n_alive
     }
 
+    /// Takes the cheapest collapses, until what is left costs more than a threshold or `triangles` are left.
+    pub(crate) fn free_to(&mut self, cost: f64, triangles: u64) {
+        self.mend();
+        let cost = self.scaled(cost).min(f32::MAX);
+        let mut queue = BucketQueue::new(5);
+        self.seed(&mut queue, 0..self.state.surface.triangles.len(), cost);
+        self.drain(&mut queue, DrainLimits { cost, triangles, may_stall: false });
+        self.tidy();
+    }
+
     /// Simplifies to at most `target` triangles; false if nothing legal is left before.
     pub(crate) fn reach(&mut self, target: u64) -> bool {
         if self.history.is_some() {

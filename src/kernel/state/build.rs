@@ -10,6 +10,7 @@ use crate::state::MeshState;
 use crate::state::validate::validate;
 use crate::surface::class::Class;
 use crate::surface::fan::{Fan, is_one_fan};
+use crate::surface::models::Models;
 use crate::surface::wedges::Corners;
 use crate::surface::{AHEAD, Ring, Surface, morton};
 use crate::vertex::{GONE, Vertex};
@@ -109,6 +110,7 @@ impl MeshState {
             triangles,
             n_alive,
             source,
+            models: Models::default(),
             channels,
             n_channels,
             placement: Placement::default(),

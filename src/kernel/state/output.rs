@@ -2,11 +2,18 @@
 
 use crate::state::MeshState;
 use crate::surface::Surface;
+use crate::surface::models::Models;
 use crate::surface::wedges::Wedges;
 use crate::vertex::GONE;
 use stonecut_mesh::Mesh;
 
 impl MeshState {
+    /// The input vertices that those made on the way are like.
+    pub(crate) fn take_models(&mut self) -> Models {
+        let of_wedges = self.wedges.as_mut().map(|wedges| &mut wedges.models);
+        std::mem::take(of_wedges.unwrap_or(&mut self.surface.models))
+    }
+
     /// The mesh that is left, vertices in the order of their sources; seams are split again.
     pub(crate) fn into_mesh(self) -> (Mesh, Vec<u32>) {
         let MeshState { mut surface, wedges, .. } = self;

@@ -8,6 +8,7 @@ pub(crate) mod faces;
 pub(crate) mod fan;
 pub(crate) mod flats;
 pub(crate) mod junction;
+pub(crate) mod models;
 pub(crate) mod morton;
 mod rings;
 pub(crate) mod wedges;
@@ -15,6 +16,7 @@ pub(crate) mod wedges;
 use crate::options::Placement;
 use crate::surface::class::Class;
 use crate::surface::flats::Flats;
+use crate::surface::models::Models;
 use crate::vertex::Vertex;
 use stonecut_mesh::vec3::Vec3;
 
@@ -57,6 +59,7 @@ pub(crate) struct Surface {
     pub(crate) n_alive: u64,
     /// Input vertex of each vertex.
     pub(crate) source: Vec<u32>,
+    pub(crate) models: Models,
     pub(crate) channels: Vec<f32>,
     pub(crate) n_channels: usize,
     /// Position of survivors; set by the owner.

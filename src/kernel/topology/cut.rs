@@ -56,6 +56,7 @@ pub(crate) fn cut(
         vertex.stamp = number;
         surface.vertices.push(vertex);
         surface.source.push(sources[i]);
+        surface.models.note(sources[i], surface.source[v as usize]);
         for channel in 0..surface.n_channels {
             let value = surface.channels[v as usize * surface.n_channels + channel];
             surface.channels.push(value);

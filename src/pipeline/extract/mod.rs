@@ -208,10 +208,16 @@ fn finish(
     let reached = done.statistics.reached || done.mesh.triangles.len() as u64 <= target;
     let n = rows.row_bytes();
     if n > 0 {
+        let row = |v: u32| v as usize * n..(v as usize + 1) * n;
+        let made = (0..).zip(&done.source).map(|(to, &from)| (to, from, done.models.of(from)));
+        let made = made.filter(|(_, from, like)| from != like);
+        let made: Vec<(u32, Vec<u8>)> =
+            made.map(|(to, _, like)| (to, records[row(like)].to_vec())).collect();
         // In ascending order, so that a row is read before another is written over it.
         for (to, &from) in done.source.iter().enumerate() {
-            records.copy_within(from as usize * n..(from as usize + 1) * n, to * n);
+            records.copy_within(row(from), to * n);
         }
+        made.iter().for_each(|(to, values)| records[row(*to)].copy_from_slice(values));
         records.truncate(done.source.len() * n);
     }
     (JoinedTiles { mesh: done.mesh, has_colours, records }, reached)

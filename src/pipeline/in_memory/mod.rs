@@ -9,6 +9,7 @@ pub mod attributes;
 mod cells;
 pub mod given;
 mod map;
+mod models;
 mod regions;
 mod rounds;
 mod weld;
@@ -32,6 +33,7 @@ use attributes::Attributes;
 use cells::CutMesh;
 pub use map::GONE;
 use map::RowMap;
+use models::RowModels;
 use regions::FaceRegions;
 use rounds::Means;
 use serde::Serialize;
@@ -59,7 +61,7 @@ pub struct Output {
     pub positions: Vec<[f64; 3]>,
     /// Corners.
     pub triangles: Vec<[u32; 3]>,
-    /// The input vertex that survived as each vertex.
+    /// The input vertex that survived as each vertex, or that a new one is a copy of.
     pub source: Vec<u32>,
     /// Records of the vertices, as `Attributes::encode` makes them; empty without attributes.
     pub records: Vec<u8>,
@@ -166,30 +168,30 @@ pub fn simplify(input: Input, config: &Config, progress: &Progress) -> Result<Ou
         );
         return Err(Error::Empty { path: "faces".into(), what });
     }
-    let records = attributes.encode(&whole.mesh, &whole.ids);
+    let (whole, source) = run.models.by_model(whole);
+    let records = attributes.encode(&whole.mesh, &source);
     let map = run.map.take().map_or(Vec::new(), |rows| rows.ended(&whole.ids));
     let report = run.report(&whole.mesh);
     let Mesh { positions, triangles, .. } = whole.mesh;
-    let mut output = Output {
-        positions,
-        triangles,
-        source: whole.ids,
-        records,
-        report,
-        map,
-        labels: Vec::new(),
-    };
+    let mut output =
+        Output { positions, triangles, source, records, report, map, labels: Vec::new() };
     if let Some(regions) = attributes.regions() {
-        join(&mut output, regions, &attributes);
+        join(&mut output, &whole.ids, regions, &attributes);
     }
     Ok(output)
 }
 
 /// Joins the vertices that were parted by labels.
-fn join(output: &mut Output, regions: &FaceRegions, attributes: &Attributes) {
-    let vertices = (&output.positions[..], &output.source[..]);
+fn join(output: &mut Output, ids: &[u32], regions: &FaceRegions, attributes: &Attributes) {
+    let vertices = (&output.positions[..], ids);
     let triangles = std::mem::take(&mut output.triangles);
-    let joined = regions.join(vertices, triangles, &output.records, &attributes.chart_bytes());
+    let joined = regions.join(
+        vertices,
+        &output.source,
+        triangles,
+        &output.records,
+        &attributes.chart_bytes(),
+    );
     let bytes = attributes.record_bytes();
     let kept = || joined.vertices.iter().map(|&v| v as usize);
     let records = kept().flat_map(|v| output.records[v * bytes..][..bytes].iter().copied());
@@ -208,6 +210,7 @@ struct MemoryRun<'a> {
     quality: QualityCurve,
     /// If a map is asked for.
     map: Option<RowMap>,
+    models: RowModels,
     report: Report,
 }
 
@@ -264,7 +267,15 @@ impl<'a> MemoryRun<'a> {
         let memory_bytes = room(n_vertices, n_triangles, attributes.channel_kinds().len(), config)?;
         let means = Means { threads: config.threads.get(), memory_bytes, progress };
         let quality = QualityCurve::default();
-        Ok(MemoryRun { config, options, means, quality, map: None, report })
+        Ok(MemoryRun {
+            config,
+            options,
+            means,
+            quality,
+            map: None,
+            models: RowModels::default(),
+            report,
+        })
     }
 
     fn drop_degenerate(&mut self, mesh: &mut Mesh) {
@@ -332,6 +343,7 @@ impl<'a> MemoryRun<'a> {
             map.follow(&left);
         }
         drop(whole);
+        self.models.follow(&left);
         let joined = WholeMesh::join(left);
         self.quality.add_round(&[], end, joined.mesh.triangles.len() as u64);
         self.report.rounds += 1;
@@ -366,6 +378,7 @@ impl<'a> MemoryRun<'a> {
         if let Some(map) = &mut self.map {
             map.follow([&left]);
         }
+        self.models.follow([&left]);
         let Left { ids, simplified } = left;
         let statistics = &simplified.statistics;
         self.count(statistics);
@@ -373,7 +386,7 @@ impl<'a> MemoryRun<'a> {
         let quality = statistics.quality.unwrap_or_default();
         self.quality.add_round(&statistics.curve, quality, simplified.mesh.triangles.len() as u64);
         let source = simplified.source.iter().map(|&v| ids[v as usize].narrow()).collect();
-        Ok(sorted(WholeMesh { ids: source, mesh: simplified.mesh }))
+        Ok(WholeMesh { ids: source, mesh: simplified.mesh }.in_order(|id| id))
     }
 
     fn count(&mut self, statistics: &Statistics) {
@@ -420,30 +433,6 @@ const FINISH_CELLS: u64 = 16;
 /// True if one call of the kernel ends the run.
 fn finishes(now: u64, cell_triangles: u64, rounds_done: u32) -> bool {
     rounds_done > 0 && now <= cell_triangles.saturating_mul(FINISH_CELLS)
-}
-
-/// Brings the vertices into the order of the input.
-fn sorted(whole: WholeMesh) -> WholeMesh {
-    let WholeMesh { ids, mesh } = whole;
-    if ids.is_sorted() {
-        return WholeMesh { ids, mesh };
-    }
-    let mut by_id: Vec<u32> = (0..ids.len() as u32).collect();
-    by_id.sort_unstable_by_key(|&v| ids[v as usize]);
-    let mut place = vec![0u32; ids.len()];
-    (0u32..).zip(&by_id).for_each(|(new, &old)| place[old as usize] = new);
-    let channels = by_id.iter().flat_map(|&v| mesh.channels_of(v).iter().copied()).collect();
-    WholeMesh {
-        ids: by_id.iter().map(|&v| ids[v as usize]).collect(),
-        mesh: Mesh {
-            positions: by_id.iter().map(|&v| mesh.positions[v as usize]).collect(),
-            channels,
-            n_channels: mesh.n_channels,
-            triangles: mesh.triangles.iter().map(|t| t.map(|v| place[v as usize])).collect(),
-            relief: mesh.relief,
-            ..Mesh::default()
-        },
-    }
 }
 
 /// Memory for cells at work. Refuses what cannot fit: the kernel on as much as it is given in one call.

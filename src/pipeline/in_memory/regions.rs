@@ -90,19 +90,20 @@ impl FaceRegions {
         self.of_vertex[id as usize]
     }
 
-    /// Joins the copies in a result, whose `ids` are those of its vertices, and gives its triangles their labels; `chart` has the bytes of a
-    /// record that keep vertices apart: texture coordinates.
+    /// Joins the copies in a result, and gives its triangles their labels. `ids` are those of its vertices, `source` the vertices of the input that
+    /// they are like; `chart` has the bytes of a record that keep vertices apart: texture coordinates.
     ///
     /// Copies are vertices of different regions in one place: of one row, or of several, where the border has moved.
     pub(super) fn join(
         &self,
         (positions, ids): (&[[f64; 3]], &[u32]),
+        source: &[u32],
         mut triangles: Vec<[u32; 3]>,
         records: &[u8],
         chart: &[Range<usize>],
     ) -> Rejoined {
         let (number, row) =
-            (|v: u32| self.number(ids[v as usize]), |v: u32| self.row(ids[v as usize]));
+            (|v: u32| self.number(source[v as usize]), |v: u32| self.row(ids[v as usize]));
         let labels = triangles.iter().map(|t| self.labels[number(t[0]) as usize]).collect();
         let record_bytes = records.len() / positions.len().max(1);
         let place = |v: u32| {
@@ -129,7 +130,7 @@ impl FaceRegions {
         }
         let is_kept = |v: &u32| kept[*v as usize] == *v;
         let mut vertices: Vec<u32> = (0..ids.len() as u32).filter(is_kept).collect();
-        vertices.sort_by_key(|&v| (row(v), v));
+        vertices.sort_by_key(|&v| (self.row(source[v as usize]), v));
         let mut new = vec![0u32; ids.len()];
         (0..).zip(&vertices).for_each(|(at, &v)| new[v as usize] = at);
         for t in &mut triangles {

@@ -50,7 +50,7 @@ pub(super) fn round(
                 stepwise.level(last);
                 Left { ids, simplified: stepwise.finish() }
             }
-            _ => simplify(load(cell), Stop::Costs(thresholds.of(cell)), options),
+            _ => simplify(load(cell), thresholds.stop(cell, cut.n_triangles(cell)), options),
         };
         results.lock().unwrap_or_else(PoisonError::into_inner).insert(cell, left);
         means.progress.add(cut.n_triangles(cell));

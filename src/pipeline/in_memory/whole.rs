@@ -53,4 +53,29 @@ impl WholeMesh {
         }
         WholeMesh { ids: ids.into_iter().map(GlobalVertex::narrow).collect(), mesh }
     }
+
+    /// Brings the vertices into the order of a key of their ids, and of these.
+    pub(super) fn in_order(self, key: impl Fn(u32) -> u32) -> WholeMesh {
+        let WholeMesh { ids, mesh } = self;
+        let key = |id: &u32| (key(*id), *id);
+        if ids.is_sorted_by_key(key) {
+            return WholeMesh { ids, mesh };
+        }
+        let mut order: Vec<u32> = (0..ids.len() as u32).collect();
+        order.sort_unstable_by_key(|&v| key(&ids[v as usize]));
+        let mut place = vec![0u32; ids.len()];
+        (0u32..).zip(&order).for_each(|(new, &old)| place[old as usize] = new);
+        let channels = order.iter().flat_map(|&v| mesh.channels_of(v).iter().copied()).collect();
+        WholeMesh {
+            ids: order.iter().map(|&v| ids[v as usize]).collect(),
+            mesh: Mesh {
+                positions: order.iter().map(|&v| mesh.positions[v as usize]).collect(),
+                channels,
+                n_channels: mesh.n_channels,
+                triangles: mesh.triangles.iter().map(|t| t.map(|v| place[v as usize])).collect(),
+                relief: mesh.relief,
+                ..Mesh::default()
+            },
+        }
+    }
 }

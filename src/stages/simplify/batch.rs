@@ -23,11 +23,11 @@ pub enum Levels {
 }
 
 impl Levels {
-    /// The end of a cell; `None` if it stays as it is.
-    fn stop(&self, cell: CellId) -> Option<Stop> {
+    /// The end of a cell with this many triangles; `None` if it stays as it is.
+    fn stop(&self, cell: CellId, n_triangles: u64) -> Option<Stop> {
         match self {
-            Levels::Threshold(levels) => levels.last().map(|_| Stop::Costs(levels.of(cell))),
-            Levels::Exact(levels) => levels.stop(cell),
+            Levels::Threshold(levels) => levels.last().map(|_| levels.stop(cell, n_triangles)),
+            Levels::Exact(levels) => levels.stop(cell, n_triangles),
         }
     }
 }
@@ -58,7 +58,7 @@ pub fn simplify_batch(
             }
             let number = CellId::at(place);
             let cell = store.load_tidy(number)?;
-            *left = match levels.stop(number) {
+            *left = match levels.stop(number, cell.mesh.triangles.len() as u64) {
                 None => Survivors::all_of(cell, store.layout()),
                 Some(stop) => round.drain(cell, stop),
             };

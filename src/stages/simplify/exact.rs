@@ -5,7 +5,7 @@
 //! level is known. The result is the same.
 
 use super::cell_run::{CellRun, Goal};
-use super::ladder::Thresholds;
+use super::ladder::{Thresholds, kept};
 use super::pilot::{bytes_for_copies, sealed_thresholds, takes};
 use libm::exp2;
 use serde::{Deserialize, Serialize};
@@ -34,7 +34,7 @@ pub fn simplify_cells_exactly(round: &CellRun) -> Result<SurvivorInfo> {
             return Ok(round.survivors(&cell, way.finish()));
         }
         let cell = round.store.load_tidy(id)?;
-        Ok(match levels.stop(id) {
+        Ok(match levels.stop(id, cell.mesh.triangles.len() as u64) {
             Some(stop) => round.drain(cell, stop),
             None => Survivors::all_of(cell, round.store.layout()),
         })
@@ -73,7 +73,7 @@ fn descend(
     let CellRun { store, goal, options, context: run, .. } = *round;
     let levels = close_levels(thresholds);
     if levels.is_empty() {
-        return Ok(ExactLevels::default());
+        return Ok(ExactLevels::choose(thresholds, &[], store, goal));
     }
     let free_bytes = AtomicU64::new(bytes_for_copies(store, run));
     let options = &Options { estimate: true, ..options.clone() };
@@ -166,7 +166,8 @@ fn counts_of(cell: CellMesh, levels: &[f64], options: &Options) -> Vec<u64> {
 fn close_levels(thresholds: &Thresholds) -> Vec<f64> {
     let level = |last: f64, j| last * exp2(f64::from(j) / FINE_STEPS);
     let levels = |last| (-FINE_LEVELS..=FINE_LEVELS).map(|j| level(last, j)).collect();
-    thresholds.last().map_or_else(Vec::new, levels)
+    let last = thresholds.last().filter(|_| thresholds.kept_share().is_none());
+    last.map_or_else(Vec::new, levels)
 }
 
 /// The levels of an exact round.
@@ -178,6 +179,9 @@ pub struct ExactLevels {
     n_levels: usize,
     /// Number of first cells that drain one more.
     n_ahead: usize,
+    /// Without levels: the share of its triangles that every cell keeps.
+    #[serde(default)]
+    kept_share: Option<f64>,
 }
 
 impl ExactLevels {
@@ -188,8 +192,12 @@ impl ExactLevels {
         store: &CellStore,
         goal: Goal,
     ) -> ExactLevels {
+        let kept_share = thresholds.kept_share();
+        if kept_share.is_some() || thresholds.last().is_none() {
+            return ExactLevels { kept_share, ..ExactLevels::default() };
+        }
         let (n_levels, n_ahead) = choose_levels(counts, store, goal.triangles);
-        ExactLevels { levels: close_levels(thresholds), n_levels, n_ahead }
+        ExactLevels { levels: close_levels(thresholds), n_levels, n_ahead, kept_share }
     }
 
     /// Number of levels that a cell drains.
@@ -197,8 +205,11 @@ impl ExactLevels {
         (self.n_levels + usize::from(cell.index() < self.n_ahead)).min(self.levels.len())
     }
 
-    /// The end of a cell; `None` if it stays as it is.
-    pub fn stop(&self, cell: CellId) -> Option<Stop> {
+    /// The end of a cell with this many triangles; `None` if it stays as it is.
+    pub fn stop(&self, cell: CellId, n_triangles: u64) -> Option<Stop> {
+        if let Some(share) = self.kept_share {
+            return Some(Stop::Free { cost: f64::MAX, triangles: kept(share, n_triangles) });
+        }
         let levels = &self.levels[..self.depth(cell)];
         (!levels.is_empty()).then(|| Stop::CloseCosts(levels.to_vec()))
     }

@@ -5,7 +5,7 @@
 //!
 //! docs/algorithm.md, section 11.
 
-use stonecut_kernel::Stepwise;
+use stonecut_kernel::{Stepwise, Stop};
 use stonecut_mesh::Mesh;
 use stonecut_system::error::Result;
 // Those of a C library may differ in the last bit from machine to machine; each unit finds the thresholds by itself.
@@ -27,6 +27,9 @@ const PILOT_START: f64 = 1e-4;
 const PILOT_STEP: f64 = 2.0;
 const PILOT_LEVELS: i32 = 80;
 
+/// A rung that leaves less than this share of what was there before is too steep to meet a goal on it. Scans leave 0.7 and more.
+const STEEP_SHARE: f64 = 0.6;
+
 /// A cell on its way down takes one level for each fall of the count by this factor: levels so far apart cost
 /// nothing in error (docs/design/kernel.md).
 const LEVEL_FACTOR: f64 = 4.0;
@@ -45,6 +48,10 @@ pub struct Thresholds {
     ladder: Vec<f64>,
     /// Number of rungs that each cell of the pilot takes before the threshold of the round.
     n_taken: BTreeMap<CellId, usize>,
+    /// If nearly all collapses cost the same, or next to nothing, as on smooth and flat surfaces: the share of its triangles that every
+    /// cell keeps.
+    #[serde(default)]
+    kept_share: Option<f64>,
 }
 
 impl Thresholds {
@@ -53,8 +60,21 @@ impl Thresholds {
         self.levels.last().copied()
     }
 
+    /// The share of its triangles that every cell keeps, if no threshold meets the goal.
+    pub fn kept_share(&self) -> Option<f64> {
+        self.kept_share
+    }
+
+    /// The end of a cell with this many triangles.
+    pub fn stop(&self, cell: CellId, n_triangles: u64) -> Stop {
+        match (self.kept_share, self.last()) {
+            (Some(share), Some(cost)) => Stop::Free { cost, triangles: kept(share, n_triangles) },
+            _ => Stop::Costs(self.of(cell)),
+        }
+    }
+
     /// The thresholds of one cell.
-    pub fn of(&self, cell: CellId) -> Vec<f64> {
+    fn of(&self, cell: CellId) -> Vec<f64> {
         match self.n_taken.get(&cell) {
             Some(&n) => self.ladder[..n].iter().copied().chain(self.last()).collect(),
             None => self.levels.clone(),
@@ -77,13 +97,22 @@ impl Thresholds {
         let total: Vec<f64> = (0..ladder.len())
             .map(|level| curves.values().map(|curve| count_at(curve, level)).sum::<u64>() as f64)
             .collect();
+        if let Some(rung) = steep_rung(&total, start as f64, ratio) {
+            let levels = ladder[rung..=rung].to_vec();
+            return Thresholds { levels, ladder, kept_share: Some(ratio), ..Thresholds::default() };
+        }
         let levels = choose_levels(&ladder, &total, start as f64, ratio);
         let last = levels.last().copied().unwrap_or(0.0);
         let n_below = ladder.iter().filter(|&&level| level < last).count();
         let n_taken =
             curves.iter().map(|(&cell, curve)| (cell, curve.len().min(n_below))).collect();
-        Thresholds { levels, ladder, n_taken }
+        Thresholds { levels, ladder, n_taken, kept_share: None }
     }
+}
+
+/// Triangles that are left of a cell that keeps a share of them.
+pub(super) fn kept(share: f64, n_triangles: u64) -> u64 {
+    (share * n_triangles as f64) as u64
 }
 
 /// The cells that a pilot samples, by the triangles of each. Nearly empty ones, around a hub whose triangles lie in another,
@@ -154,6 +183,13 @@ fn mean_area(mesh: &Mesh) -> f64 {
     let area = 0.5 * (0..n).map(doubled).sum::<f64>() / n.max(1) as f64;
     // All triangles degenerate: any positive scale will do.
     if area > 0.0 && area.is_finite() { area } else { f64::MIN_POSITIVE.sqrt() }
+}
+
+/// The rung at which the count falls to a share `ratio`, if it falls too steeply for a threshold there to meet a count.
+fn steep_rung(total: &[f64], start: f64, ratio: f64) -> Option<usize> {
+    let rung = total.iter().position(|&count| count <= start * ratio)?;
+    let is_steep = rung == 0 || total[rung] < STEEP_SHARE * total[rung - 1];
+    is_steep.then_some(rung)
 }
 
 /// Levels at which the sample falls by `LEVEL_FACTOR` each, the last where it meets `ratio`.
@@ -231,6 +267,7 @@ mod tests {
             levels: vec![5.0, 20.0],
             ladder: vec![1.0, 4.0, 16.0, 64.0],
             n_taken: BTreeMap::from([(CellId(3), 3), (CellId(4), 0)]),
+            kept_share: None,
         };
         assert_eq!(thresholds.of(CellId(0)), [5.0, 20.0]);
         assert_eq!(thresholds.of(CellId(3)), [1.0, 4.0, 16.0, 20.0]);

@@ -45,6 +45,7 @@ pub fn simplify_cells(round: &CellRun) -> Result<SurvivorInfo> {
         let mut left = match thresholds.last() {
             None => Survivors::all_of(cell, round.store.layout()),
             Some(last) => {
+                let n_triangles = cell.mesh.triangles.len() as u64;
                 let mesh = std::mem::take(&mut cell.mesh);
                 let simplified = match begun.take(id, &thresholds) {
                     // On from where the pilot has left it.
@@ -54,8 +55,8 @@ pub fn simplify_cells(round: &CellRun) -> Result<SurvivorInfo> {
                         stepwise.finish()
                     }
                     None => {
-                        let options = round.until(Stop::Costs(thresholds.of(id)));
-                        simplify_mesh(mesh, &cell.shared, &options)
+                        let stop = thresholds.stop(id, n_triangles);
+                        simplify_mesh(mesh, &cell.shared, &round.until(stop))
                     }
                 };
                 round.survivors(&cell, simplified)

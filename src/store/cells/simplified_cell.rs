@@ -202,10 +202,10 @@ impl Survivors {
             ..Survivors::default()
         };
         for (vertex, &source) in simplified.source.iter().enumerate() {
-            let source = source as usize;
-            out.ids.push(ids[source]);
-            out.shared.push(shared[source]);
-            let record = &records[source * record_bytes..(source + 1) * record_bytes];
+            out.ids.push(ids[source as usize]);
+            out.shared.push(shared[source as usize]);
+            let like = simplified.models.of(source) as usize;
+            let record = &records[like * record_bytes..(like + 1) * record_bytes];
             layout.schema.encode_position(out.mesh.positions[vertex], &mut out.records);
             out.records.extend_from_slice(&record[position_bytes..]);
         }

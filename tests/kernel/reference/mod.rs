@@ -138,6 +138,10 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
             }
             statistics.reached = true;
         }
+        Stop::Free { cost, triangles } => {
+            work.drain(*cost, *triangles);
+            statistics.reached = true;
+        }
     }
     statistics.collapses = work.collapses;
     statistics.rejects = work.rejects.named();

@@ -207,6 +207,7 @@ fn counts(case: &Case, result: &Simplified) -> Result<(), Fault> {
             return Ok(());
         }
         Stop::Costs(levels) | Stop::CloseCosts(levels) => levels,
+        Stop::Free { .. } => return Ok(()),
     };
     let counts = &result.statistics.level_counts;
     if counts.len() > list.len() || counts.last().is_some_and(|&last| last != n) {
@@ -254,7 +255,7 @@ fn levels(case: &Case, result: &Simplified) -> Result<(), Fault> {
     let stop = match &case.options.stop {
         Stop::Costs(levels) => Stop::Costs(levels[..n].to_vec()),
         Stop::CloseCosts(levels) => Stop::CloseCosts(levels[..n].to_vec()),
-        Stop::Triangles(_) => return Ok(()),
+        Stop::Triangles(_) | Stop::Free { .. } => return Ok(()),
     };
     if n == 0 {
         return Ok(());

@@ -197,6 +197,7 @@ impl VertexPlan {
             let Some(source) = source else { break };
             surface.vertices.push(surface.vertices[original as usize]);
             surface.source.push(source);
+            surface.models.note(source, surface.source[original as usize]);
             let n = surface.n_channels;
             surface.channels.extend_from_within(original as usize * n..(original as usize + 1) * n);
             // Of some length, so that it is not taken for gone; rings are built again.

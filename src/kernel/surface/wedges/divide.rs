@@ -115,6 +115,7 @@ impl Wedges {
         let [a, b] = ends[0];
         let third = self.copy(ends[1][1], spare.pop()?);
         self.chart[third as usize] = self.chart[a as usize];
+        self.models.note(self.source[third as usize], self.source[a as usize]);
         for channel in 0..self.n_channels {
             let value = |wedge: u32| self.values_of(wedge)[channel];
             let between = match self.confined.get(channel) {
@@ -131,6 +132,7 @@ impl Wedges {
     fn copy(&mut self, wedge: u32, source: u32) -> u32 {
         let values = wedge as usize * self.n_channels;
         self.values.extend_from_within(values..values + self.n_channels);
+        self.models.note(source, self.source[wedge as usize]);
         self.source.push(source);
         self.chart.push(self.chart[wedge as usize]);
         (self.source.len() - 1) as u32

@@ -17,6 +17,7 @@ pub(crate) mod pairs;
 
 use crate::simd::Simd;
 use crate::surface::Surface;
+use crate::surface::models::Models;
 use crate::vertex::GONE;
 use stonecut_mesh::union_find::Union;
 
@@ -55,6 +56,7 @@ pub(crate) struct Wedges {
     values: Vec<f32>,
     /// Input vertex of each wedge.
     source: Vec<u32>,
+    pub(crate) models: Models,
     /// True if a vertex has several wedges.
     is_seam: Vec<bool>,
     n_channels: usize,
@@ -77,6 +79,7 @@ impl Wedges {
             corner: surface.triangles.clone(),
             values: surface.channels.clone(),
             source: surface.source.clone(),
+            models: Models::default(),
             is_seam: Vec::new(),
             n_channels: surface.n_channels,
             confined: confined.to_vec(),
