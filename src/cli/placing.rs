@@ -60,6 +60,15 @@ impl TypedMoves {
         }
         Ok(())
     }
+
+    /// The placing of a mesh that `tiles` turns upright after it; `None` leaves the axis to the format of the mesh.
+    pub(super) fn of_tiles(&self, up: Option<Up>) -> Result<Placing> {
+        let mut placing = Placing::default();
+        placing.turns_up = up != Some(Up::Z);
+        TypedMoves { translate: None, ..self.clone() }.append(&mut placing, None)?;
+        placing.upright_shift = self.translate.map(|Shift(by)| by);
+        Ok(up.map_or(placing.clone(), |up| placing.settled(up == Up::Y)))
+    }
 }
 
 /// Options of the commands that write one mesh.

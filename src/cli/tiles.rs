@@ -13,7 +13,6 @@ use crate::error::{Offers, Result};
 use crate::io::Weld;
 use crate::io::globe::{Crs, east_north_up, east_north_up_of};
 use crate::io::sidecars::Georeference;
-use crate::mesh::placing::Placing;
 use crate::pipeline::tiles::report::TilesReport;
 use crate::pipeline::tiles::{
     Finest, PreparedTiles, TILE_TRIANGLES, TileTexture, TilesConfig, make_tiles, prepare_tiles,
@@ -215,9 +214,6 @@ impl Args {
             (None, Some(TypedTransform(matrix))) => matrix,
             (None, None) => default.transform,
         };
-        let mut placing = Placing::default();
-        self.moves.append(&mut placing, None)?;
-        placing.turns_up = self.up != Some(Up::Z);
         Ok(TilesConfig {
             tile_triangles: self.tile_triangles,
             finest: self.finest.unwrap_or_default(),
@@ -233,7 +229,7 @@ impl Args {
             pixels: self.pixels,
             packs: self.compress == Compress::Meshopt,
             is_z_up: self.up != Some(Up::Y),
-            placing,
+            placing: self.moves.of_tiles(self.up)?,
             transform,
             viewer: self.viewer,
             memory_bytes: memory_budget(self.memory),
@@ -258,7 +254,9 @@ impl Args {
         let prepared = prepare_tiles(&config)?;
         let place = take_place(prepared.source.georeference(), typed, &mut config);
         // glTF has y upwards by its standard.
-        config.is_z_up &= self.up.is_some() || prepared.source.file_format() != "glTF";
+        let is_gltf = prepared.source.file_format() == "glTF";
+        config.is_z_up &= self.up.is_some() || !is_gltf;
+        config.placing = config.placing.settled(is_gltf);
         Ok((prepared, config, place))
     }
 }

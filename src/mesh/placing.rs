@@ -23,11 +23,19 @@ pub struct Placing {
     pub turns_up: bool,
     /// Set if axes stay as they are: true if the output has y upwards, as glTF.
     pub keeps_axes: Option<bool>,
+    /// A shift of a mesh that is turned after all else (tiles): it comes last, and has z upwards. `settled` takes it in.
+    pub upright_shift: Option<[f64; 3]>,
 }
 
 impl Default for Placing {
     fn default() -> Self {
-        Placing { columns: NONE, recentres: false, turns_up: false, keeps_axes: None }
+        Placing {
+            columns: NONE,
+            recentres: false,
+            turns_up: false,
+            keeps_axes: None,
+            upright_shift: None,
+        }
     }
 }
 
@@ -54,6 +62,15 @@ impl Placing {
     /// Appends a shift.
     pub fn shift(&mut self, [x, y, z]: [f64; 3]) {
         self.then(&[1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., x, y, z, 1.]);
+    }
+
+    /// The same with the shift of the upright mesh in the axes of the mesh itself.
+    pub fn settled(&self, is_y_up: bool) -> Placing {
+        let mut settled = self.clone();
+        if let Some([x, y, z]) = settled.upright_shift.take() {
+            settled.shift(if is_y_up { [x, z, 0.0 - y] } else { [x, y, z] });
+        }
+        settled
     }
 
     /// The image of a point.
@@ -174,6 +191,11 @@ mod tests {
         assert_eq!(n, [0.0, 0.0, 4.0]);
         placing.then(&Z_TO_Y);
         assert_eq!(placing.point([0.0; 3]), [0.0, 7.0, 0.0]);
+        let upright = Placing { upright_shift: Some([1.0, 2.0, 3.0]), ..Placing::default() };
+        assert_eq!(upright.settled(false).point([0.0; 3]), [1.0, 2.0, 3.0]);
+        let settled = upright.settled(true);
+        assert_eq!(settled.point([0.0; 3]), [1.0, 3.0, -2.0]);
+        assert_eq!(settled.settled(false), settled);
         let mut mirror = Placing::default();
         mirror.then(&[-1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.]);
         assert_eq!(mirror.determinant(), -1.0);

@@ -44,6 +44,44 @@ fn a_tower_stands_whatever_its_format() {
     }
 }
 
+/// The middle of the box of the root in the world.
+fn middle(set: &Value) -> [f64; 3] {
+    let number = |list: &Value, at: usize| list[at].as_f64().unwrap();
+    let (map, low) = (&set["root"]["transform"], &set["root"]["boundingVolume"]["box"]);
+    [0, 1, 2].map(|r| {
+        (0..3).map(|c| number(map, 4 * c + r) * number(low, c)).sum::<f64>() + number(map, 12 + r)
+    })
+}
+
+#[test]
+fn a_shift_comes_after_the_turn_upwards() {
+    let folder = &scratch();
+    let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n\
+                element face 4\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n2 0 0\n0 0 4\n0 20 0\n\
+                3 0 1 2\n3 0 3 1\n3 1 3 2\n3 2 0 3\n";
+    std::fs::write(folder.join("y.ply"), text).unwrap();
+    expect(folder, "convert y.ply y.glb", 0);
+    expect(folder, "convert y.ply z.ply --up y", 0);
+    for (input, shift, wanted) in [
+        ("z.ply", "", [1.0, -2.0, 10.0]),
+        ("z.ply", "--translate 30,40,50", [31.0, 38.0, 60.0]),
+        ("y.glb", "--translate 30,40,50", [31.0, 38.0, 60.0]),
+        ("y.ply --up y", "--translate 30,40,50 --scale 2", [32.0, 36.0, 70.0]),
+        ("y.glb --up y", "--translate 30,40,50 --scale 2", [32.0, 36.0, 70.0]),
+        ("y.glb --up z", "--translate 30,40,50", [31.0, 50.0, 52.0]),
+    ] {
+        let (file, up) = input.split_once(' ').unwrap_or((input, ""));
+        expect(folder, &format!("tiles {file} t {up} {shift} --force --report r.json"), 0);
+        let found = middle(&tileset(folder, "t"));
+        let is_near = (0..3).all(|k| (found[k] - wanted[k]).abs() < 0.02);
+        assert!(is_near, "{input} {shift}: {found:?}");
+        let placing = &json(folder, "r.json")["settings"]["placing"];
+        assert_eq!(placing.is_null(), shift.is_empty(), "{placing}");
+        // What comes out of the tree lies where the mesh was put, in its own axes.
+        expect(folder, "extract t back.ply --max-error 0 --force", 0);
+    }
+}
+
 #[test]
 fn what_comes_through_a_pipe_or_packed_stands_too() {
     let folder = &scratch();

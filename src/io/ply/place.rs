@@ -27,6 +27,7 @@ impl MeshSource {
     ///
     /// Errors: those of reading; places that are not finite.
     pub fn place(&mut self, placing: &Placing) -> Result<()> {
+        let placing = &placing.settled(self.file_format() == "glTF");
         self.note_axes(placing);
         if placing.is_none() {
             return Ok(());
