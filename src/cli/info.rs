@@ -15,6 +15,7 @@ use crate::measure::tileset::{TilesetCheck, check_tileset, is_tileset};
 use crate::mesh::topology_counts::Topology;
 use crate::stages::components::{Below, below_list, sizes_in_memory};
 use crate::system::json_keys::SCHEMA_VERSION;
+use crate::system::losses::{Loss, LossKind};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
 use crate::system::units;
@@ -239,6 +240,8 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
     let list = sizes.as_ref().map(below_list);
     let schema = source.schema();
     let materials = source.materials();
+    // Of opening alone, no other loss is one of precision.
+    let is_of_place = |loss: &&Loss| loss.kind == LossKind::Precision;
     let report = InfoReport {
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION"),
@@ -259,6 +262,7 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Opt
             .map(|found| format!("{LIES_AT}{}", found.words()))
             .into_iter()
             .chain(source.notes().iter().map(ToString::to_string))
+            .chain(source.losses().entries().iter().filter(is_of_place).map(ToString::to_string))
             .chain(materials.iter().flat_map(|m| m.losses.lines()))
             .collect(),
         faces: source.n_face_rows(),

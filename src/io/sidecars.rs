@@ -112,8 +112,13 @@ impl Georeference {
         found.or_else(|| of_name(mesh, folder))
     }
 
-    /// A `metadata.xml` of a model beside a mesh or above it, or a `.prj` beside it, whose system is not understood.
-    pub(crate) fn broken_beside(mesh: &Path) -> Option<PathBuf> {
+    /// The loss of a place: a `metadata.xml` of a model beside a mesh or above it, a `.prj`, or a file of an offset beside it that is
+    /// not understood.
+    pub(crate) fn broken_beside(mesh: &Path) -> Option<Loss> {
+        let broken = |path: PathBuf| {
+            Loss::new(LossKind::Precision, "the place of the mesh", "is not understood")
+                .example(path.display().to_string())
+        };
         let paths = folders_of(mesh).map(|folder| folder.join("metadata.xml"));
         let is_broken = |path: &PathBuf| {
             text_of(path).is_some_and(|text| text.contains("<SRS"))
@@ -125,7 +130,12 @@ impl Georeference {
         let prj = mesh.with_extension("prj");
         let is_unknown = |text: String| !text.trim().is_empty() && epsg(&text).is_none();
         let is_broken_prj = |prj: &PathBuf| text_of(prj).is_some_and(is_unknown);
-        paths.into_iter().find(is_broken).or_else(|| Some(prj).filter(is_broken_prj))
+        let system = paths.into_iter().find(is_broken).or_else(|| Some(prj).filter(is_broken_prj));
+        system.map(broken).or_else(|| {
+            let (path, _) = offset_beside(mesh, &folders_of(mesh)[0]).filter(|(_, by)| by.is_none())?;
+            let remedy = "an offset is three numbers with decimal points; mend the file, or give --translate";
+            Some(broken(path).remedy(remedy))
+        })
     }
 
     /// The place in a few words.
@@ -215,20 +225,58 @@ fn of_odm(folder: &Path) -> Option<Georeference> {
     })
 }
 
+/// The file of an offset beside a mesh; its numbers, if it is understood.
+fn offset_beside(mesh: &Path, folder: &Path) -> Option<(PathBuf, Option<[f64; 3]>)> {
+    let stem = mesh.file_stem()?.to_string_lossy();
+    let names = [format!("{stem}.xyz"), format!("{stem}_offset.xyz"), "offset.xyz".to_owned()];
+    names.iter().enumerate().find_map(|(i, name)| {
+        let path = folder.join(name);
+        if !path.is_file() {
+            return None;
+        }
+        let text = text_of(&path);
+        let offset = text.as_deref().and_then(offset_in_text);
+        // A cloud of points may have the name of the mesh.
+        let is_cloud =
+            i == 0 && offset.is_none() && text.is_none_or(|text| lines_of(&text).count() > 3);
+        (!is_cloud).then_some((path, offset))
+    })
+}
+
+/// Lines with anything but a comment in them.
+fn lines_of(text: &str) -> impl Iterator<Item = &str> {
+    let lines = text.lines().map(str::trim);
+    lines.filter(|line| {
+        !line.is_empty() && !["#", "//", "%"].iter().any(|sign| line.starts_with(sign))
+    })
+}
+
+/// The three numbers of a file of an offset.
+fn offset_in_text(text: &str) -> Option<[f64; 3]> {
+    let text = lines_of(text).collect::<Vec<_>>().join("\n");
+    // Between numbers with other signs between them, a comma is one of decimals or of thousands.
+    let mut words =
+        text.split(|c: char| c.is_whitespace() || c == ';').filter(|word| !word.is_empty());
+    let is_doubtful = |word: &str| word.trim_matches(',').contains(',');
+    if words.clone().count() > 1 && words.any(is_doubtful) {
+        return None;
+    }
+    numbers(&text)?.try_into().ok()
+}
+
 fn of_name(mesh: &Path, folder: &Path) -> Option<Georeference> {
     let prj = mesh.with_extension("prj");
     let crs = text_of(&prj).and_then(|text| epsg(text.trim()));
-    let stem = mesh.file_stem()?.to_string_lossy();
-    let names = [format!("{stem}.xyz"), format!("{stem}_offset.xyz"), "offset.xyz".to_owned()];
-    let shift = names.iter().find_map(|name| {
-        let path = folder.join(name);
-        let place: [f64; 3] = numbers(&text_of(&path)?)?.try_into().ok()?;
-        Some((place, path))
-    });
+    let shift = offset_beside(mesh, folder);
     if crs.is_none() && shift.is_none() {
         return None;
     }
-    let (offset, file) = shift.map_or(([0.0; 3], None), |(offset, path)| (offset, Some(path)));
+    let (offset, file) = match shift {
+        // A system without its offset would be another place.
+        Some((_, None)) => return None,
+        Some((path, Some(offset))) => (offset, Some(path)),
+        None => ([0.0; 3], None),
+    };
     let found_in = crs.iter().map(|_| prj.clone()).chain(file).collect();
     Some(Georeference { crs: crs.unwrap_or_default(), offset, found_in })
 }
@@ -288,13 +336,51 @@ mod tests {
         std::fs::create_dir_all(home.path().join("a/b/c")).unwrap();
         assert_eq!(Georeference::broken_beside(&mesh), None);
         std::fs::write(mesh.with_extension("prj"), r#"PROJCS["Mine",GEOGCS["GCS_Mine"]]"#).unwrap();
-        assert_eq!(Georeference::broken_beside(&mesh), Some(mesh.with_extension("prj")));
+        let named = Georeference::broken_beside(&mesh).unwrap();
+        assert_eq!(named.example, mesh.with_extension("prj").display().to_string());
         let utf16: Vec<u8> = xml("EPSG:32633").encode_utf16().flat_map(u16::to_le_bytes).collect();
         std::fs::write(home.path().join("a/b/c/metadata.xml"), utf16).unwrap();
         let found = Georeference::beside(&mesh).unwrap();
         assert_eq!((found.crs.as_str(), found.offset), ("EPSG:32633", offset));
         // A cloud of points of the same name is not an offset.
-        std::fs::write(home.path().join("tile.xyz"), "1 2 3\n4 5 6\n").unwrap();
+        let cloud = "1 2 3\n4 5 6\n7 8 9\n1 1 1\n";
+        std::fs::write(home.path().join("tile.xyz"), cloud).unwrap();
         assert_eq!(Georeference::beside(&home.path().join("tile.obj")), None);
+        assert_eq!(Georeference::broken_beside(&home.path().join("tile.obj")), None);
+    }
+
+    #[test]
+    fn offsets_are_read_or_named_never_guessed() {
+        let offset = Some([412_000.5, 5_621_000.0, 50.0]);
+        for (text, wanted) in [
+            ("412000.5 5621000 50", offset),
+            ("412000.5, 5621000, 50\n", offset),
+            ("412000.5;5621000;50", offset),
+            ("412000.5,5621000,50\r\n", offset),
+            ("412000.5\n5621000\n50\n", offset),
+            ("# off, 3\n// set\n\n412000.5 5621000 50\n", offset),
+            ("412000,5 5621000 50", None),
+            ("412000,5 5621000", None),
+            ("412000,5;5621000", None),
+            ("412,000.5 5,621,000 50", None),
+            ("412000.5 5621000", None),
+            ("X=412000.5\nY=5621000\nZ=50", None),
+            ("", None),
+        ] {
+            assert_eq!(offset_in_text(text), wanted, "{text}");
+            let home = tempfile::tempdir().unwrap();
+            let mesh = home.path().join("tile.obj");
+            for name in ["tile.xyz", "tile_offset.xyz", "offset.xyz"] {
+                let path = home.path().join(name);
+                std::fs::write(&path, text).unwrap();
+                std::fs::write(mesh.with_extension("prj"), "EPSG:25832").unwrap();
+                let found = Georeference::beside(&mesh);
+                assert_eq!(found.map(|found| found.offset), wanted, "{name} {text}");
+                let named = Georeference::broken_beside(&mesh).map(|loss| loss.to_string());
+                assert_eq!(named.is_none(), wanted.is_some(), "{name} {text}");
+                assert!(named.is_none_or(|line| line.contains(name)), "{name} {text}");
+                std::fs::remove_file(path).unwrap();
+            }
+        }
     }
 }

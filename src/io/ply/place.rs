@@ -11,7 +11,7 @@ use std::sync::Arc;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::placing::{Placing, SUBTRACTED, offset_in, offset_of, offset_words};
 use stonecut_system::error::Result;
-use stonecut_system::losses::{Loss, LossKind};
+use stonecut_system::losses::Loss;
 
 /// Offsets of maps are larger, and meshes that count from them are smaller than this share of the offset.
 const LEAST_FAR: f64 = 10_000.0;
@@ -80,10 +80,9 @@ impl MeshSource {
         }
         let found = Georeference::beside(mesh);
         if found.as_ref().is_none_or(|found| found.crs.is_empty())
-            && let Some(path) = Georeference::broken_beside(mesh)
+            && let Some(loss) = Georeference::broken_beside(mesh)
         {
-            let loss = Loss::new(LossKind::Precision, "the place of the mesh", "is not understood");
-            self.staged.losses.lose(loss.example(format!("{}", path.display())));
+            self.staged.losses.lose(loss);
         }
         let mut found = found?;
         if found.crs.is_empty() && found.offset == [0.0; 3] {
