@@ -65,8 +65,8 @@ pub struct Args {
     /// Transform from the mesh (z upwards) to the world: 16 numbers, column by column, joined by commas.
     #[arg(long, value_name = "M16", value_parser = parse_transform, allow_hyphen_values = true)]
     transform: Option<TypedTransform>,
-    /// Coordinate reference system of the mesh, which puts the tree on the earth: EPSG:32633; x is east, heights are above the
-    /// ellipsoid. An offset that a file beside the mesh names is added [default: what such a file says; none: nothing].
+    /// Coordinate reference system of the mesh, which puts the tree on the earth: EPSG:32633, or EPSG:2263+6360 with the unit of
+    /// heights; x is east, heights are taken as above the ellipsoid. An offset that a file beside the mesh names is added [default: what such a file says; none: nothing].
     #[arg(long, value_name = "CODE", value_parser = parse_crs, conflicts_with_all = ["geo", "transform"])]
     crs: Option<TypedCrs>,
     /// Write a page that shows the tiles in a browser (index.html; `stonecut serve OUTPUT` offers it).

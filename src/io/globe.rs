@@ -3,6 +3,7 @@
 //! Projections are those of `proj4rs`, definitions those of `crs-definitions`. Only methods that were compared with PROJ are taken
 //! (`tools/epsg_codes.py`, docs/results/inputs.md). Shifts between datums have three or seven parameters; grids are not read.
 
+use crate::heights::Heights;
 use proj4rs::Proj;
 use proj4rs::transform::transform;
 use stonecut_mesh::bounds::Bounds;
@@ -26,6 +27,9 @@ const SHIFTS: [(&str, &str); 2] = [
 /// A coordinate reference system.
 pub struct Crs {
     code: u16,
+    /// The system of heights, if it is named.
+    vertical: Option<u16>,
+    heights: Heights,
     from: Proj,
     to: Proj,
     is_geocentric: bool,
@@ -42,9 +46,9 @@ pub struct EarthFrame {
 }
 
 impl Crs {
-    /// The system of a text: `EPSG:32633` or `32633`. Errors say what is wrong with it.
+    /// The system of a text: `EPSG:32633`, `32633`, or with a system of heights `EPSG:32633+5773`. Errors say what is wrong with it.
     pub fn of(text: &str) -> Result<Crs, String> {
-        let code = code_of(text).ok_or_else(|| {
+        let (code, vertical) = codes_of(text).ok_or_else(|| {
             format!("'{text}': the code of a coordinate reference system is EPSG and a number, as in EPSG:32633")
         })?;
         let fail = |what: &str| {
@@ -75,16 +79,27 @@ impl Crs {
             "" => !is_world.iter().any(|word| definition.contains(word)),
             numbers => numbers.split(',').any(|n| n.parse() != Ok(0.0)),
         };
+        let is_geocentric = method == "geocent";
+        let heights = match vertical {
+            Some(_) if is_geocentric => return Err(fail("it has no heights beside its places")),
+            Some(vertical) => Heights::of_code(vertical)?,
+            None => Heights::of_definition(&definition),
+        };
         let parse = |text: &str| Proj::from_proj_string(text);
         let from =
             parse(&definition).map_err(|e| fail(&format!("its definition is not read ({e})")))?;
         let to = parse("+proj=longlat +datum=WGS84 +no_defs").map_err(|e| fail(&e.to_string()))?;
-        Ok(Crs { code, from, to, is_geocentric: method == "geocent", has_shift })
+        Ok(Crs { code, vertical, heights, from, to, is_geocentric, has_shift })
     }
 
-    /// `EPSG:n`.
+    /// `EPSG:n`, or `EPSG:n+m` with a system of heights.
     pub fn name(&self) -> String {
-        format!("EPSG:{}", self.code)
+        epsg_name(self.code, self.vertical)
+    }
+
+    /// What is taken for granted of heights, if there is something to say.
+    pub fn heights_note(&self) -> Option<&'static str> {
+        self.heights.note()
     }
 
     /// Returns whether the datum is another than that of the earth's centre, so that places are known to a metre or some.
@@ -93,8 +108,10 @@ impl Crs {
     }
 
     /// Latitude and longitude in degrees, and the height above the ellipsoid of WGS 84 (metres), of a place; x is east or
-    /// longitude. Heights stay what they are: those above the sea need the geoid first. `None` outside of the projection.
+    /// longitude. Heights become metres, and stay what they are otherwise: those above the sea need the geoid first. `None` outside
+    /// of the projection.
     pub fn geographic(&self, [x, y, z]: [f64; 3]) -> Option<[f64; 3]> {
+        let z = z * self.heights.metres();
         let is_angle = self.from.is_latlong();
         let mut place = if is_angle { (x.to_radians(), y.to_radians(), z) } else { (x, y, z) };
         transform(&self.from, &self.to, &mut place).ok()?;
@@ -157,9 +174,9 @@ impl Crs {
     }
 }
 
-/// The number in `EPSG:32633`, `urn:ogc:def:crs:EPSG::32633` or `32633`; that of a system of heights behind it,
-/// `EPSG:32633+5773`, says nothing of the place.
-pub fn code_of(text: &str) -> Option<u16> {
+/// The number in `EPSG:32633`, `urn:ogc:def:crs:EPSG::32633` or `32633`, and that of a system of heights behind it, as in
+/// `EPSG:32633+5773`.
+pub(crate) fn codes_of(text: &str) -> Option<(u16, Option<u16>)> {
     let text = text.trim();
     let digits = match text.to_ascii_uppercase().rfind("EPSG") {
         Some(at) => {
@@ -167,9 +184,17 @@ pub fn code_of(text: &str) -> Option<u16> {
         }
         None => text,
     };
-    let (digits, heights) = digits.split_once('+').unwrap_or((digits, "0"));
-    heights.trim().parse::<u16>().ok()?;
-    digits.trim().parse().ok()
+    let code = |digits: &str| digits.trim().parse().ok();
+    match digits.split_once('+') {
+        Some((digits, heights)) => Some((code(digits)?, Some(code(heights)?))),
+        None => Some((code(digits)?, None)),
+    }
+}
+
+/// `EPSG:n`, or `EPSG:n+m` with a system of heights.
+pub(crate) fn epsg_name(code: u16, vertical: Option<u16>) -> String {
+    let vertical = vertical.map_or_else(String::new, |m| format!("+{m}"));
+    format!("EPSG:{code}{vertical}")
 }
 
 /// From latitude, longitude in degrees and height on WGS 84 to the earth's centre.
@@ -272,6 +297,26 @@ mod tests {
         }
     }
 
+    /// PROJ 9.5.1 has 40.71562947724367, -74.01533101531926, 3.048 m for EPSG:2263+6360.
+    #[test]
+    fn heights_have_the_unit_of_their_system() {
+        for (code, height) in [
+            ("EPSG:2263+6360", 10.0 * 1200.0 / 3937.0),
+            ("EPSG:2263+8228", 3.048),
+            ("EPSG:2263+5703", 10.0),
+            ("EPSG:2263", 10.0),
+        ] {
+            let crs = Crs::of(code).unwrap();
+            assert_eq!(crs.name(), code);
+            let found = crs.geographic([980_000.0, 200_000.0, 10.0]).unwrap();
+            assert!((found[0] - 40.715_629_477_243_67).abs() < 1e-8, "{found:?}");
+            assert!((found[2] - height).abs() < 1e-9, "{code} {found:?}");
+            assert!(crs.heights_note().is_some(), "{code}");
+        }
+        assert!(Crs::of("EPSG:32633").unwrap().heights_note().is_none());
+        assert!(Crs::of("EPSG:5555").unwrap().heights_note().is_some());
+    }
+
     #[test]
     fn a_frame_is_the_system_near_its_middle_and_says_how_far_it_bends() {
         let crs = Crs::of("epsg:32633").unwrap();
@@ -298,11 +343,16 @@ mod tests {
             ("EPSG:1", "no definition"),
             ("EPSG:99999", "EPSG and a number"),
             ("EPSG:5514", "krovak"),
+            ("EPSG:32633+5715", "EPSG:5715 is not a system of heights"),
+            ("EPSG:32633+4326", "EPSG:4326 is not a system of heights"),
+            ("EPSG:4978+5773", "no heights beside its places"),
         ] {
             let error = Crs::of(code).err().unwrap();
             assert!(error.contains(words), "{code}: {error}");
         }
-        assert_eq!(code_of("urn:ogc:def:crs:EPSG::25832"), Some(25832));
+        assert_eq!(codes_of("urn:ogc:def:crs:EPSG::25832"), Some((25832, None)));
+        assert_eq!(codes_of("EPSG:25832+7837"), Some((25832, Some(7837))));
+        assert_eq!(codes_of("EPSG:25832+x"), None);
         assert!(Crs::of("EPSG:27700").unwrap().has_shift());
         assert!(!Crs::of("EPSG:25832").unwrap().has_shift());
     }

@@ -3,10 +3,10 @@
 //! Of WKT the code is read that belongs to the whole, not one of the many within; where it has none, as ESRI writes it, the
 //! names of UTM's zones are known. Anything else is not understood.
 
-use crate::globe::code_of;
+use crate::globe::{codes_of, epsg_name};
 
 /// Names of systems without blanks and signs up to the zone, and the codes before that of the first zone, north and south.
-const UTM: [(&str, u32, Option<u32>); 6] = [
+const UTM: [(&str, u16, Option<u16>); 6] = [
     ("wgs1984utmzone", 32600, Some(32700)),
     ("wgs84utmzone", 32600, Some(32700)),
     ("etrs1989utmzone", 25800, None),
@@ -16,27 +16,21 @@ const UTM: [(&str, u32, Option<u32>); 6] = [
 ];
 
 /// Names of other systems, and their codes.
-const OTHERS: [(&str, u32); 3] =
+const OTHERS: [(&str, u16); 3] =
     [("gcswgs1984", 4326), ("wgs84", 4326), ("wgs1984webmercatorauxiliarysphere", 3857)];
 
 /// `EPSG:n` or `EPSG:n+m` of a text.
 pub(crate) fn epsg(text: &str) -> Option<String> {
-    let vertical = text.trim().rsplit_once('+').and_then(|(_, m)| m.trim().parse::<u16>().ok());
-    if let Some(code) = code_of(text) {
-        return Some(named(code.into(), vertical.map(u32::from)));
+    if let Some((code, vertical)) = codes_of(text) {
+        return Some(epsg_name(code, vertical));
     }
     let found = Wkt::of(text);
     let child = |n: usize| found.children.get(n).copied().flatten();
     match (found.is_compound, child(0), found.own) {
-        (true, Some(code), _) => Some(named(code, child(1))),
-        (_, _, Some(code)) => Some(named(code, None)),
-        _ => by_name(found.name).map(|code| named(code, None)),
+        (true, Some(code), _) => Some(epsg_name(code, child(1))),
+        (_, _, Some(code)) => Some(epsg_name(code, None)),
+        _ => by_name(found.name).map(|code| epsg_name(code, None)),
     }
-}
-
-fn named(code: u32, vertical: Option<u32>) -> String {
-    let vertical = vertical.map_or_else(String::new, |m| format!("+{m}"));
-    format!("EPSG:{code}{vertical}")
 }
 
 /// Codes in a WKT.
@@ -45,9 +39,9 @@ struct Wkt<'a> {
     name: &'a str,
     is_compound: bool,
     /// The code of the whole.
-    own: Option<u32>,
+    own: Option<u16>,
     /// The codes of the systems that it is made of.
-    children: Vec<Option<u32>>,
+    children: Vec<Option<u16>>,
 }
 
 impl Wkt<'_> {
@@ -92,23 +86,23 @@ impl Wkt<'_> {
 }
 
 /// The code behind `AUTHORITY[` or `ID[`, if it is one of EPSG.
-fn code_in(text: &str) -> Option<u32> {
+fn code_in(text: &str) -> Option<u16> {
     let (authority, rest) = text.trim_start().strip_prefix('"')?.split_once('"')?;
     let digits = rest.trim_start_matches([',', '"', ' ']);
     let end = digits.find(|c: char| !c.is_ascii_digit()).unwrap_or(digits.len());
-    digits[..end].parse().ok().filter(|code| authority == "EPSG" && *code < 1 << 16)
+    digits[..end].parse().ok().filter(|_| authority == "EPSG")
 }
 
 /// The code of a system that programs name without one.
-fn by_name(name: &str) -> Option<u32> {
+fn by_name(name: &str) -> Option<u16> {
     let name: String =
         name.chars().filter(char::is_ascii_alphanumeric).collect::<String>().to_ascii_lowercase();
     let other = OTHERS.iter().find(|(known, _)| *known == name).map(|(_, code)| *code);
     other.or_else(|| {
-        let of = |(prefix, north, south): &(&str, u32, Option<u32>)| {
+        let of = |(prefix, north, south): &(&str, u16, Option<u16>)| {
             let zone = name.strip_prefix(prefix)?;
             let (number, half) = zone.split_at_checked(zone.len().checked_sub(1)?)?;
-            let number: u32 = number.parse().ok().filter(|n| (1..=60).contains(n))?;
+            let number: u16 = number.parse().ok().filter(|n| (1..=60).contains(n))?;
             match half {
                 "n" => Some(north + number),
                 "s" => south.map(|south| south + number),

@@ -162,4 +162,51 @@ fn a_coordinate_reference_system_puts_a_tree_on_the_earth() {
     assert!(String::from_utf8(info).unwrap().contains("EPSG:32633"));
     let said = expect(folder, "tiles far/utm.ply t --force --crs EPSG:5514", 2);
     assert!(said.contains("krovak"), "{said}");
+    // Heights above the sea are named, those in feet are feet, depths are refused.
+    let said =
+        expect(folder, "tiles far/utm.ply t --force --crs EPSG:32633+5773 --report r.json", 0);
+    assert!(said.contains("above the ellipsoid") && said.contains("--translate 0,0,N"), "{said}");
+    assert_eq!(json(folder, "r.json")["settings"]["crs"], "EPSG:32633+5773");
+    let said = expect(folder, "tiles far/utm.ply t --force --crs EPSG:32633+5715", 2);
+    assert!(said.contains("EPSG:5715 is not a system of heights"), "{said}");
+    let feet = [980_000.0, 200_000.0, 10.0];
+    std::fs::write(folder.join("far/feet.ply"), mesh(feet)).unwrap();
+    for (code, foot, said_of_it) in [
+        ("EPSG:2263+6360", 1200.0 / 3937.0, "above the ellipsoid"),
+        ("EPSG:2263", 1.0, "taken as metres"),
+    ] {
+        let said = expect(folder, &format!("tiles far/feet.ply t --force --crs {code}"), 0);
+        assert!(said.contains(said_of_it), "{said}");
+        let set = tileset(folder, "t");
+        let [low, high] = [0.0, 1000.0].map(|z| on_earth(&set, [feet[0], feet[1], feet[2] + z]));
+        let height = (0..3).map(|k| (high[k] - low[k]).powi(2)).sum::<f64>().sqrt();
+        assert!((height - 1000.0 * foot).abs() < 1e-3, "{code}: {height}");
+    }
+    // A system of heights that a file beside names is one, too.
+    std::fs::write(folder.join("near/metadata.xml"), xml.replace("32633", "32633+5773")).unwrap();
+    let said = expect(folder, "tiles near/tiles/local.ply t --force", 0);
+    assert!(said.contains("above the ellipsoid"), "{said}");
+    std::fs::write(folder.join("near/metadata.xml"), xml.replace("32633", "32633+5715")).unwrap();
+    let said = expect(folder, "tiles near/tiles/local.ply t --force", 0);
+    assert!(said.contains("place     not used: EPSG:5715"), "{said}");
+}
+
+/// An offset that is not understood leaves the place unknown: the middle of the map is not taken for it.
+#[test]
+fn an_offset_that_is_not_understood_is_named() {
+    let folder = &scratch();
+    let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n2 0 0\n0 0 4\n3 0 1 2\n";
+    std::fs::write(folder.join("m.ply"), text).unwrap();
+    std::fs::write(folder.join("m.prj"), "EPSG:25832").unwrap();
+    std::fs::write(folder.join("m_offset.xyz"), "412000,5 5621000 50\n").unwrap();
+    for command in ["info m.ply", "convert m.ply o.ply", "tiles m.ply t"] {
+        let said = run(folder, command);
+        let said = [said.stdout, said.stderr].map(|text| String::from_utf8(text).unwrap()).concat();
+        assert!(said.contains("m_offset.xyz is not understood"), "{command}: {said}");
+        assert!(!said.contains("EPSG:25832"), "{command}: {said}");
+    }
+    std::fs::write(folder.join("m_offset.xyz"), "# metres\n412000.5 5621000 50\n").unwrap();
+    let said = expect(folder, "tiles m.ply t --force", 0);
+    assert!(said.contains("EPSG:25832, offset 412000.5 5621000 50"), "{said}");
 }

@@ -32,6 +32,9 @@ pub(super) fn world(
         Error::bad_input(&config.input, format!("{what}; {advice}"))
     })?;
     let mut said = Vec::new();
+    if let Some(note) = crs.heights_note() {
+        said.push(Loss::new(LossKind::Precision, "heights", note).example(crs.name()).notice());
+    }
     if frame.bend > SMALL_BEND {
         let why = format!(
             "the earth is round, the tree is not: up to {:.2} m at its corners",
