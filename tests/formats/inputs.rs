@@ -342,6 +342,10 @@ fn trees_of_tiles_become_one_mesh_in_their_place() {
     std::fs::write(at.join("b3dm/tileset.json"), set.to_string()).unwrap();
     let said = expect(at, "convert b3dm earth.ply --weld auto", 0);
     assert!(said.contains("pnts"), "{said}");
+    // By any name.
+    std::fs::copy(at.join("b3dm/tileset.json"), at.join("b3dm/root.json")).unwrap();
+    expect(at, "convert b3dm/root.json named.ply --weld auto", 0);
+    assert_eq!(info(at, "named.ply")["triangles"], info(at, "earth.ply")["triangles"]);
     let found = info(at, "earth.ply --check");
     assert_closed(&found, info(at, "glb --check")["triangles"].as_u64().unwrap(), "earth");
     assert_eq!(found["coordinate_bits"], 64, "places of the earth take doubles");

@@ -6,7 +6,8 @@
 use super::contents::{TileFrame, UpAxis, add_content};
 use super::limits::LIST_SHARE;
 use super::lists::{list_of, paths_of};
-use super::{InputSet, MeshPart, affine, trees};
+use super::trees::{self, is_tree};
+use super::{InputSet, MeshPart, affine};
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Deref;
@@ -188,11 +189,6 @@ impl InputPaths {
 /// The loss of a file among several: a part of the surface is not there, so the command ends with 3 as with dropped faces.
 pub(super) fn left_out(error: &str) -> Loss {
     Loss::new(LossKind::Geometry, "files", "left out: cannot be read").example(error).whole()
-}
-
-/// Returns whether a file describes a tree of tiles, by its name.
-fn is_tree(path: &Path) -> bool {
-    path.file_name().is_some_and(|name| name == "tileset.json")
 }
 
 /// Returns whether a file is a tile with a mesh in it, by its name.

@@ -77,6 +77,24 @@ impl Content {
     }
 }
 
+/// Bytes at the beginning of a file of JSON in which the error of a tree is looked for.
+const HEAD_BYTES: usize = 64 << 10;
+
+/// Returns whether a file describes a tree of tiles: by its name, or as JSON that has an error of geometry near its beginning.
+pub(super) fn is_tree(path: &Path) -> bool {
+    let head = || {
+        let mut head = vec![0; HEAD_BYTES];
+        let n_bytes = first_bytes(path, &mut head).ok()?;
+        head.truncate(n_bytes);
+        Some(head)
+    };
+    let word = b"\"geometricError\"";
+    let has_word = |head: Vec<u8>| head.windows(word.len()).any(|part| part == word);
+    let is_json = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("json"));
+    path.file_name().is_some_and(|name| name == "tileset.json")
+        || is_json && path.is_file() && head().is_some_and(has_word)
+}
+
 /// The finest tiles of the tree that a `tileset.json` describes, each with the map to where the tree stands.
 ///
 /// Errors: `BadInput` for what is not such a tree, circles, files that are missing, lie elsewhere or are not regular;
