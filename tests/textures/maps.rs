@@ -66,6 +66,7 @@ fn maps_besides_colour_are_baked() {
             !said.contains("not baked") && said.contains("texture of image of metal"),
             "{said}"
         );
+        assert!(!folder.join(format!("{name}.obj.stonecut-job")).exists(), "{name}");
         let (faces, map) = read(folder, name);
         let pages = ["map_Ke", "map_Pr", "map_Pm"].map(|word| (word, page(folder, name, word)));
         for face in &faces {

@@ -31,7 +31,18 @@ const STEMS: [&str; 10] = [
 ];
 
 /// Words that may follow, beside numbers.
-const WORDS: [&str; 6] = ["corners", "tangents", "page", "normal", "normals", "trial"];
+const WORDS: [&str; 10] = [
+    "corners",
+    "tangents",
+    "page",
+    "normal",
+    "normals",
+    "trial",
+    "emission",
+    "surface",
+    "roughness",
+    "metal",
+];
 
 /// Name of the plan in the folder of a job for many machines, its first bytes, and the name of the folder of units.
 pub(super) const PLAN: &str = "plan.record";
@@ -45,7 +56,7 @@ fn is_number(text: &str) -> bool {
 /// Returns whether a name is that of a file of a stage.
 pub(super) fn is_data(name: &str) -> bool {
     let Some((stem, extension)) = name.rsplit_once('.') else { return false };
-    let mut words = stem.split('-');
+    let mut words = stem.split(['-', '_']);
     let first = words.next().unwrap_or_default();
     DATA_EXTENSIONS.contains(&extension)
         && STEMS.contains(&first)
@@ -223,6 +234,10 @@ mod tests {
             "result-1.survivors",
             "verdicts.cells",
             "bake-0-page-3.part",
+            "bake-0_emission-page-0.part",
+            "bake-0_surface-page-0.part",
+            "bake-1_roughness-page-2.part",
+            "bake-1_metal-page-2.part",
             "result.pm",
             "result.map",
         ] {
