@@ -93,9 +93,17 @@ fn has_begun(config: &Config) -> bool {
     !config.job.restart && job::view(&config.job_folder).is_ok_and(is_baked)
 }
 
+/// Refuses outputs whose new images would replace those of the input.
+fn refuse_to_replace(source: &MeshSource, config: &Config) -> Result<()> {
+    let (Some(materials), kind) = (source.materials(), config.kind()?) else { return Ok(()) };
+    config.named_outputs().try_for_each(|output| materials.refuse_new_texture(output, kind))
+}
+
 /// True if a run whose charts left too many triangles could be made with a new texture.
 pub(super) fn would_help(source: &MeshSource, config: &Config) -> bool {
-    let is_possible = || matches!(obstacle(source, config), Ok(None));
+    let is_possible = || {
+        matches!(obstacle(source, config), Ok(None)) && refuse_to_replace(source, config).is_ok()
+    };
     config.texture == Texture::Auto
         && !config.drop_texture
         && config.kernel.bound.is_none()
@@ -177,6 +185,7 @@ pub(super) fn check(
     config: &Config,
     may_be_ours: bool,
 ) -> Result<bake::BakeNeed> {
+    refuse_to_replace(source, config)?;
     let n = source.n_triangles();
     let most = config.targets().map(|target| target.triangles(n)).max().unwrap_or(n);
     let usable = config.memory_bytes.saturating_sub(BASE_BYTES);

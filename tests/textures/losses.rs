@@ -162,3 +162,39 @@ fn images_in_tga_are_decoded() {
     let is_red = |p: &image::Rgb<u8>| p.0[0] > 200 && p.0[1] < 60 && p.0[2] < 60;
     assert!(picture.pixels().any(is_red), "no red pixel");
 }
+
+/// Pages have names that the images of the input may have already.
+#[test]
+fn images_of_the_input_are_never_replaced() {
+    let folder = &scratch();
+    image(folder);
+    std::fs::create_dir(folder.join("out_textures")).unwrap();
+    let page = folder.join("out_textures/out_0.png");
+    std::fs::rename(folder.join("image.png"), &page).unwrap();
+    sheet(folder, |x, y| format!("{x} {y}"), "newmtl only\nmap_Kd out_textures/out_0.png\n");
+    let before = std::fs::read(&page).unwrap();
+    let refused = |output: &str, what: &str| {
+        let command = format!("simplify sheet.obj {output} --ratio 20% --texture bake");
+        for force in ["", "--force"] {
+            let said = expect(folder, &format!("{command} {force}"), 2);
+            assert!(said.contains(what) && !said.contains("give --force"), "{command}: {said}");
+        }
+        assert!(!folder.join(format!("{output}.stonecut-job")).exists(), "{output}");
+        assert_eq!(std::fs::read(&page).unwrap(), before, "{output}");
+    };
+    let is_image = "out_0.png is an image of the input; give OUTPUT another name";
+    refused("out.obj", is_image);
+    refused("out.ply", is_image);
+    expect(folder, "simplify sheet.obj out.obj --ratio 20% --force", 2);
+    expect(folder, "simplify sheet.obj first.obj --ratio 20% --and out.obj=10% --force", 2);
+    std::fs::rename(folder.join("sheet.mtl"), folder.join("own.mtl")).unwrap();
+    let text = std::fs::read_to_string(folder.join("sheet.obj")).unwrap();
+    std::fs::write(folder.join("sheet.obj"), text.replace("sheet.mtl", "own.mtl")).unwrap();
+    refused("own.obj", "own.mtl is the material library of the input; give OUTPUT another name");
+    // A GLB holds its images; one that is kept stays where it is.
+    for command in ["--texture bake", "--texture keep"] {
+        expect(folder, &format!("simplify sheet.obj out.glb --ratio 20% --force {command}"), 0);
+    }
+    expect(folder, "simplify sheet.obj out.obj --ratio 90% --force", 0);
+    assert_eq!(std::fs::read(&page).unwrap(), before);
+}

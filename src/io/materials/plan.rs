@@ -310,16 +310,7 @@ impl TexturePlan {
         let path = folder_of(request.output).join(name);
         refuse_irregular(&path)?;
         let shown = path.display();
-        if self
-            .materials
-            .libraries
-            .iter()
-            .any(|library| path.exists() && real(library) == real(&path))
-        {
-            return Err(Error::Usage(format!(
-                "{shown} is the material library of the input; give OUTPUT another name"
-            )));
-        }
+        self.materials.refuse_output(&path)?;
         if path.exists() && !self.force && !is_own_library(&path) {
             return Err(Error::Usage(format!(
                 "{shown} exists and was not written by stonecut; give --force to replace it, or OUTPUT another name"
@@ -391,6 +382,25 @@ impl Materials {
         };
         let shown = output.display();
         Err(Error::Usage(format!("{shown} is {what} of the input; give OUTPUT another name")))
+    }
+
+    /// Refuses an output beside which a new texture, or its library, would replace an image or a library of the input, `--force` or
+    /// not.
+    pub fn refuse_new_texture(&self, output: &Path, kind: OutputKind) -> Result<()> {
+        let stem = stem(output);
+        if kind == OutputKind::Obj {
+            self.refuse_output(&output.with_file_name(format!("{stem}.mtl")))?;
+        }
+        let folder = real(&folder_of(output).join(format!("{stem}_textures")));
+        let is_page = |path: &&Path| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let number = name.strip_prefix(&stem).and_then(|rest| rest.strip_prefix('_'));
+            number.is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit()))
+                && real(path).parent() == Some(&folder)
+        };
+        // GLB holds its images.
+        let mut files = self.files().filter(|_| kind != OutputKind::Glb);
+        files.find(is_page).map_or(Ok(()), |path| self.refuse_output(path))
     }
 }
 

@@ -132,10 +132,7 @@ impl SimplifyRun<'_> {
             mode: config.textures.filter(|mode| !mode.is_ktx2()),
             force: config.job.force,
         };
-        let mut materials = materials_of(baked, &stem)?;
-        // A library of the input is not to be replaced.
-        materials.libraries = source.materials().map_or(Vec::new(), |all| all.libraries.clone());
-        let plan = TexturePlan::new(Arc::new(materials), &request)?;
+        let plan = TexturePlan::new(Arc::new(materials_of(baked, &stem)?), &request)?;
         if baked.holds_vertex_colours {
             source.clamped_colours().into_iter().for_each(|loss| self.run.progress.lose(loss));
         }
