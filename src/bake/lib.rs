@@ -127,8 +127,12 @@ pub fn bake(
     }
     // Cutting the original is an eighth of the work, about; what is left is told once there are charts.
     progress.count_from_zero(8 * original.n_triangles());
-    let original =
+    let hides = original.images_hide_colours();
+    let mut original =
         Original::cut(original, &palette, options, Means { memory_bytes: free_bytes, ..means })?;
+    if !hides && original.tints_images {
+        original.part_colours(options.colours_multiply);
+    }
     let free_bytes = free_bytes.saturating_sub(original.border_bytes());
     let (largest, share) = (original.largest_cell_bytes(), free_bytes / CELL_SHARE);
     if largest > share {

@@ -52,7 +52,9 @@ pub(super) struct Original {
     /// Triangles whose coordinates are not numbers although their material has an image.
     n_lost: u64,
     /// True if images are seen through colours of vertices other than white.
-    tints_images: bool,
+    pub tints_images: bool,
+    /// True if the looks of these have both.
+    pub is_seen_through: bool,
 }
 
 /// Numbers of materials.
@@ -207,6 +209,7 @@ impl Original {
             of_images: ImageDensities::default(),
             n_lost: 0,
             tints_images: false,
+            is_seen_through: false,
         };
         original.survey(palette, means)?;
         Ok(original)
@@ -406,7 +409,8 @@ impl Original {
         let t = face.triangle;
         // Back to the order of the mesh.
         let weights = triangle::rotate(weights, (3 - face.first) % 3);
-        let is_shown = !self.has_image.get(cell.material[t] as usize).is_some_and(|has| *has);
+        let has_image = self.has_image.get(cell.material[t] as usize).is_some_and(|has| *has);
+        let is_shown = self.is_seen_through || !has_image;
         let colour = self.colours.filter(|_| is_shown).map_or([255; 3], |colours| {
             colours.channels.map(|channel| {
                 let value = |v: u32| f64::from(cell.mesh.channels_of(v)[channel]);
@@ -435,14 +439,15 @@ impl Original {
         !mesh.triangles[t].iter().all(|&v| is_white(v))
     }
 
-    /// True if images are seen through colours of vertices other than white.
-    pub fn tints_images(&self) -> bool {
-        self.tints_images
+    /// Leaves the colours of vertices that images are seen through to viewers, with all others (`stay`), or multiplies the two.
+    pub fn part_colours(&mut self, stay: bool) {
+        self.colours = self.colours.filter(|_| !stay);
+        self.is_seen_through = !stay;
     }
 
-    /// True if pages hold all colours of vertices: no image is seen through them.
+    /// True if pages hold all colours of vertices: no image is seen through them, or they are a part of it.
     pub fn gives_all_colours(&self) -> bool {
-        self.has_colours() && !self.tints_images
+        self.has_colours() && (self.is_seen_through || !self.tints_images)
     }
 
     /// True if vertices have colours.

@@ -570,6 +570,7 @@ mod tests {
         let beside = WantedMaps::default();
         let options = Options {
             coding: None,
+            colours_multiply: false,
             page_size: 512,
             most_pages: None,
             cell_triangles: 300,

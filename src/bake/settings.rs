@@ -37,6 +37,8 @@ pub struct Options {
     pub beside: WantedMaps,
     /// KTX2 files with this coding instead of JPEG and PNG.
     pub coding: Option<BasisCoding>,
+    /// True if the colours of the result's vertices multiply the pages, as glTF has it.
+    pub colours_multiply: bool,
 }
 
 impl Options {

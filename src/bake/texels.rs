@@ -470,12 +470,17 @@ fn plain_lights(scene: &Scene, hits: &[Hit], lights: &mut Vec<Light>) {
         let paint = scene.palette.paints.get(hit.material as usize);
         let factor = paint.map_or([1.0; 4], |paint| paint.factor);
         let has_image = paint.is_some_and(|paint| paint.base.is_some());
-        if has_image || !scene.original.has_colours() {
+        let is_seen_through = has_image && scene.original.is_seen_through;
+        if (has_image && !is_seen_through) || !scene.original.has_colours() {
             return times_opacity(factor);
         }
         let [r, g, b] = hit.colour;
         let [r, g, b, _] = table.of([r, g, b, 255]);
-        times_opacity([r, g, b, factor[3]])
+        let [of_r, of_g, of_b, opacity] = factor;
+        if is_seen_through {
+            return times_opacity([of_r * r, of_g * g, of_b * b, opacity]);
+        }
+        times_opacity([r, g, b, opacity])
     };
     lights.clear();
     lights.extend(hits.iter().map(plain));

@@ -173,6 +173,7 @@ impl Photographs {
             normals: false,
             beside: WantedMaps::default(),
             coding: None,
+            colours_multiply: false,
         };
         let within = Means { memory_bytes: free_bytes, ..means };
         let original = Original::cut(source, &palette, &options, within)?;
@@ -221,7 +222,7 @@ impl TilePainter<'_> {
     pub fn losses(&self) -> Ledger {
         let mut losses = self.from.original.losses(&self.from.palette);
         losses.merge(&self.images.losses());
-        if self.from.original.tints_images() {
+        if self.from.original.tints_images {
             let (what, why) =
                 ("colours of vertices under images", "not carried by tiles with images");
             losses.lose(Loss::new(LossKind::Colors, what, why));

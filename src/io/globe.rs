@@ -97,7 +97,7 @@ impl Crs {
         epsg_name(self.code, self.vertical)
     }
 
-    /// What is taken for granted of heights, if there is something to say.
+    /// A remark on how heights are taken, if there is something to say.
     pub fn heights_note(&self) -> Option<&'static str> {
         self.heights.note()
     }

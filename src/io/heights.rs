@@ -85,7 +85,7 @@ impl Heights {
         self.metres
     }
 
-    /// What is taken for granted, if there is something to say.
+    /// A remark on how they are taken, if there is something to say.
     pub(crate) fn note(self) -> Option<&'static str> {
         self.note
     }

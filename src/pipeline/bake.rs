@@ -135,6 +135,7 @@ pub(super) fn options(config: &Config) -> Result<bake::Options> {
             Some(TextureMode::Etc1s) => Some(BasisCoding::Etc1s),
             _ => None,
         },
+        colours_multiply: config.kind()? == OutputKind::Glb,
     })
 }
 

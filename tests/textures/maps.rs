@@ -47,6 +47,39 @@ fn embedded(path: &Path, end: &str) -> RgbImage {
     image::load_from_memory(&bytes[binary + at..][..n]).unwrap().into_rgb8()
 }
 
+/// The numbers of an accessor of a GLB, as they are stored.
+fn numbers(path: &Path, accessor: &serde_json::Value) -> Vec<Vec<f64>> {
+    let (bytes, document) = (std::fs::read(path).unwrap(), glb_json(path));
+    let accessor = &document["accessors"][accessor.as_u64().unwrap() as usize];
+    let view = &document["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
+    let of = |value: &serde_json::Value| value.as_u64().unwrap_or(0) as usize;
+    let binary = 28 + u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let start = binary + of(&view["byteOffset"]) + of(&accessor["byteOffset"]);
+    let width = ["SCALAR", "", "VEC2", "VEC3", "VEC4"];
+    let width = width.iter().position(|kind| accessor["type"] == **kind).unwrap().max(1);
+    let n_bytes = match of(&accessor["componentType"]) {
+        5121 => 1,
+        5123 => 2,
+        _ => 4,
+    };
+    let is_float = accessor["componentType"] == 5126;
+    let stride = match of(&view["byteStride"]) {
+        0 => width * n_bytes,
+        stride => stride,
+    };
+    let number = |row: usize, k: usize| {
+        let at = start + row * stride + k * n_bytes;
+        let mut word = [0; 4];
+        word[..n_bytes].copy_from_slice(&bytes[at..at + n_bytes]);
+        if is_float {
+            f64::from(f32::from_le_bytes(word))
+        } else {
+            f64::from(u32::from_le_bytes(word))
+        }
+    };
+    (0..of(&accessor["count"])).map(|row| (0..width).map(|k| number(row, k)).collect()).collect()
+}
+
 /// Coordinates turned by a quarter, and mirrored: the frames of the input are not those of the result.
 #[test]
 fn maps_besides_colour_are_baked() {
@@ -177,4 +210,82 @@ fn shade_and_factors_of_gltf_are_baked() {
     // OBJ has no place for shade, and says so.
     let said = expect(folder, "simplify in.gltf out.obj --triangles 4 --texture bake", 0);
     assert!(said.contains("image of ambient shade") && said.contains("not baked"), "{said}");
+}
+
+/// Two squares of glTF with colours of vertices, the second with an image besides: a viewer multiplies page and vertices, so a
+/// colour is in one of both.
+#[test]
+fn colours_of_vertices_are_counted_once() {
+    let folder = &scratch();
+    RgbImage::from_pixel(8, 8, Rgb([200, 120, 60])).save(folder.join("image.png")).unwrap();
+    let mut bytes = crate::opacity::two_squares([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0]]);
+    bytes.resize(136, 0);
+    let colours = [[0.25f32, 0.5, 1.0], [0.5, 1.0, 0.25]];
+    for colour in colours.iter().flat_map(|colour| [colour; 4]) {
+        bytes.extend(colour.map(f32::to_le_bytes).as_flattened());
+    }
+    let data = base64::engine::general_purpose::STANDARD.encode(&bytes);
+    let accessor = |at: usize, component: u32, count: u32, kind: &str| json!({ "bufferView": 0, "byteOffset": at, "componentType": component, "count": count, "type": kind });
+    let document = json!({
+        "asset": { "version": "2.0" },
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [
+            { "attributes": { "POSITION": 0, "COLOR_0": 4 }, "indices": 3 },
+            { "attributes": { "POSITION": 1, "COLOR_0": 5, "TEXCOORD_0": 2 }, "indices": 3, "material": 0 },
+        ] }],
+        "materials": [{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }],
+        "textures": [{ "source": 0 }],
+        "images": [{ "uri": "image.png" }],
+        "accessors": [
+            accessor(0, 5126, 4, "VEC3"), accessor(48, 5126, 4, "VEC3"), accessor(96, 5126, 4, "VEC2"),
+            accessor(128, 5121, 6, "SCALAR"), accessor(136, 5126, 4, "VEC3"), accessor(184, 5126, 4, "VEC3"),
+        ],
+        "bufferViews": [{ "buffer": 0, "byteLength": bytes.len() }],
+        "buffers": [{
+            "byteLength": bytes.len(), "uri": format!("data:application/octet-stream;base64,{data}"),
+        }],
+    });
+    std::fs::write(folder.join("in.gltf"), document.to_string()).unwrap();
+    expect(folder, "simplify in.gltf out.glb --triangles 4 --texture bake", 0);
+    let light = |shown: f64| ((shown / 255.0 + 0.055) / 1.055).powf(2.4);
+    let image = [200.0, 120.0, 60.0].map(light);
+    let wanted =
+        [colours[0].map(f64::from), [0, 1, 2].map(|k| f64::from(colours[1][k]) * image[k])];
+    let out = folder.join("out.glb");
+    let (document, page, mut n) = (glb_json(&out), embedded(&out, "_0"), 0);
+    for primitive in document["meshes"][0]["primitives"].as_array().unwrap() {
+        let attribute = |name: &str| numbers(&out, &primitive["attributes"][name]);
+        let (values, places) = (attribute("COLOR_0"), attribute("TEXCOORD_0"));
+        let ids = numbers(&out, &primitive["indices"]);
+        for t in ids.as_chunks::<3>().0 {
+            let mean = |of: &[Vec<f64>], k: usize| {
+                t.iter().map(|v| of[v[0] as usize][k]).sum::<f64>() / 3.0
+            };
+            let seen = look_up(&page, [mean(&places, 0), 1.0 - mean(&places, 1)]);
+            let seen = [0, 1, 2].map(|k| light(seen[k]) * mean(&values, k) / 65_535.0);
+            let is_near = |wanted: &[f64; 3]| (0..3).all(|k| (seen[k] - wanted[k]).abs() < 0.02);
+            assert!(wanted.iter().any(is_near), "{seen:?} for {wanted:?}");
+            n += 1;
+        }
+    }
+    assert_eq!(n, 4);
+    // Where images hide the colours of vertices, the pages show both; images that are kept do not.
+    for output in ["kept.obj", "kept.ply", "kept.glb"] {
+        let said = expect(folder, &format!("convert in.gltf {output}"), 0);
+        let is_named =
+            said.contains("colours of vertices under images, 4 of them: hidden by the images");
+        assert_eq!(is_named, output != "kept.glb", "{said}");
+    }
+    for output in ["out.obj", "out.ply"] {
+        let command = format!("simplify in.gltf {output} --triangles 4 --texture bake --force");
+        let said = expect(folder, &command, 0);
+        assert!(!said.contains("under images"), "{said}");
+        let page = image::open(folder.join("out_textures/out_0.png")).unwrap().into_rgb8();
+        for wanted in &wanted {
+            let is_near =
+                |p: &&Rgb<u8>| (0..3).all(|k| (light(f64::from(p.0[k])) - wanted[k]).abs() < 0.01);
+            assert!(page.pixels().filter(is_near).count() > 60, "{output} {wanted:?}");
+        }
+    }
 }

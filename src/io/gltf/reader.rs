@@ -101,7 +101,12 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
     let (mut n_bad, mut n_not_finite, mut n_clamped, mut n_white) = (0, 0, 0, 0);
     for piece in &pieces {
         let first = joiner.n_vertices();
-        let [not_finite, clamped, outside] = put_vertices(&file, piece, options, &mut joiner)?;
+        let [not_finite, clamped, outside, coloured] =
+            put_vertices(&file, piece, options, &mut joiner)?;
+        let material = piece.primitive.material.and_then(|number| i32::try_from(number).ok());
+        if material.is_some_and(|number| materials.has_base(number)) {
+            materials.n_tinted += coloured;
+        }
         if outside > 0 {
             materials.show_wrap(piece.primitive.material);
         }
@@ -292,8 +297,8 @@ fn put_vertices(
     piece: &Piece,
     options: &StageOptions,
     joiner: &mut Joiner,
-) -> Result<[u64; 3]> {
-    let (mut n_not_finite, mut n_clamped, mut n_outside) = (0, 0, 0);
+) -> Result<[u64; 4]> {
+    let (mut n_not_finite, mut n_clamped, mut n_outside, mut n_coloured) = (0, 0, 0, 0);
     let of_normals = piece.at.of_normals();
     let mut bytes = Vec::new();
     let (mut xyz, mut normals, mut colours, mut uvs) =
@@ -330,6 +335,7 @@ fn put_vertices(
                     let alpha = held(c.get(3).copied().unwrap_or(1.0));
                     n_clamped += u64::from(c[..3].iter().any(|&light| is_outside(light)));
                     let [r, g, b] = [c[0], c[1], c[2]].map(srgb_byte);
+                    n_coloured += u64::from([r, g, b] != [255; 3]);
                     [r, g, b, (alpha * 255.0).round() as u8]
                 }
                 None => [255; 4],
@@ -345,7 +351,7 @@ fn put_vertices(
         }
         first += BLOCK;
     }
-    Ok([n_not_finite, n_clamped, n_outside])
+    Ok([n_not_finite, n_clamped, n_outside, n_coloured])
 }
 
 fn unit(v: [f64; 3]) -> [f32; 3] {

@@ -29,6 +29,7 @@ impl Looks {
                 self.materials.libraries.push(library.clone());
             }
         }
+        self.materials.n_tinted += own.n_tinted;
         let mut numbers = Vec::with_capacity(own.list.len());
         for material in &own.list {
             let mut material = material.clone();

@@ -23,6 +23,8 @@ pub struct Materials {
     pub losses: Ledger,
     /// Files that the materials were read from.
     pub libraries: Vec<PathBuf>,
+    /// Vertices whose colour, other than white, images are seen through: glTF multiplies the two.
+    pub n_tinted: u64,
     /// Places of the images that are files.
     by_path: HashMap<PathBuf, usize>,
 }

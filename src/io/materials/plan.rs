@@ -142,6 +142,16 @@ impl TexturePlan {
             plan.library_seen = plan.library.as_deref().map(Seen::new);
         }
         if mode != TextureMode::None {
+            if request.kind != OutputKind::Glb && plan.materials.n_tinted > 0 {
+                let why = format!("hidden by the images in {}", request.kind.name());
+                let what = "colours of vertices under images";
+                let loss = Loss::new(LossKind::Colors, what, why).count(plan.materials.n_tinted);
+                plan.losses.lose(
+                    loss.remedy(
+                        "GLB shows both, and so does a new texture (simplify --texture bake)",
+                    ),
+                );
+            }
             plan.refer(mode, request)?;
         } else if !plan.materials.images.is_empty() {
             let n = plan.materials.images.len() as u64;
@@ -382,25 +392,6 @@ impl Materials {
         };
         let shown = output.display();
         Err(Error::Usage(format!("{shown} is {what} of the input; give OUTPUT another name")))
-    }
-
-    /// Refuses an output beside which a new texture, or its library, would replace an image or a library of the input, `--force` or
-    /// not.
-    pub fn refuse_new_texture(&self, output: &Path, kind: OutputKind) -> Result<()> {
-        let stem = stem(output);
-        if kind == OutputKind::Obj {
-            self.refuse_output(&output.with_file_name(format!("{stem}.mtl")))?;
-        }
-        let folder = real(&folder_of(output).join(format!("{stem}_textures")));
-        let is_page = |path: &&Path| {
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            let number = name.strip_prefix(&stem).and_then(|rest| rest.strip_prefix('_'));
-            number.is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit()))
-                && real(path).parent() == Some(&folder)
-        };
-        // GLB holds its images.
-        let mut files = self.files().filter(|_| kind != OutputKind::Glb);
-        files.find(is_page).map_or(Ok(()), |path| self.refuse_output(path))
     }
 }
 
