@@ -349,6 +349,23 @@ fn sheets_that_touch_move_apart_and_crumbs_go() {
 }
 
 #[test]
+fn nothing_is_cut_out_of_a_ring_of_doubles_far_from_the_origin() {
+    // As floats its vertices lie in a few places.
+    let mut mesh = meshes::torus(40, 20, |_, _| 0.5);
+    mesh.positions.iter_mut().for_each(|p| *p = p.map(|x| x + 1e7));
+    let locked = vec![false; mesh.positions.len()];
+    let options = Options {
+        stop: Stop::Triangles(400),
+        close: f64::INFINITY,
+        no_self_intersections: true,
+        ..Options::default()
+    };
+    let done = simplify_mesh(mesh, &locked, &options);
+    assert!(done.statistics.changes.contains(&("triangles_cut_out", 0)));
+    assert_eq!(done.mesh.triangles.len(), 400);
+}
+
+#[test]
 fn bodies_inside_out_are_turned_and_counted() {
     let mut mesh = meshes::torus(40, 20, |_, _| 0.5);
     mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));

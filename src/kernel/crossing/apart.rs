@@ -6,7 +6,7 @@ use crate::surface::class::Class;
 use crate::surface::{MAX_VALENCE, Surface};
 use crate::vertex::GONE;
 use std::collections::{HashMap, HashSet};
-use stonecut_mesh::vec3::{Vec3, add, cross, length_sq, scale, sub, unit};
+use stonecut_mesh::vec3::{Vec3, add, cross, length_sq, place_bits, scale, sub, unit};
 
 /// Shares of the way to the middle of a corner's neighbours by which it moves, tried in turn.
 const STEPS: [f64; 3] = [0.05, 0.2, 0.5];
@@ -35,17 +35,15 @@ impl Crossings {
         }
     }
 
-    /// Moves vertices apart that lie in one place of `f32`, as those of sheets that touch; returns those that stay in the place of
-    /// another one.
+    /// Moves vertices apart that lie in one place, as those of sheets that touch; returns those that stay in the place of another one.
+    /// Where the output has `f32`, places are such numbers already (`Surface::rounds`).
     pub(crate) fn part_places(&mut self, surface: &mut Surface) -> Vec<u32> {
-        let bits = |surface: &Surface, v: u32| {
-            surface.vertices[v as usize].position.map(|x| (x as f32 + 0.0).to_bits())
-        };
+        let bits = |surface: &Surface, v: u32| place_bits(surface.vertices[v as usize].position);
         let used = (0..surface.vertices.len() as u32).filter(|&v| !surface.ring(v).is_empty());
-        let mut places: Vec<([u32; 3], u32)> = used.map(|v| (bits(surface, v), v)).collect();
+        let mut places: Vec<([u64; 3], u32)> = used.map(|v| (bits(surface, v), v)).collect();
         places.sort_unstable();
         let mut left = Vec::new();
-        let mut taken: HashSet<[u32; 3]> = HashSet::new();
+        let mut taken: HashSet<[u64; 3]> = HashSet::new();
         for same in places.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
             let mut staying: Vec<u32> = same.iter().map(|&(_, v)| v).collect();
             let steps = STEPS.into_iter().flat_map(|step| [[step, 0.0], [0.0, step], [step, step]]);
