@@ -165,10 +165,16 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     }
 }
 
+/// Behind the number of the duplicate faces that were backs of sheets.
+const BACKS: &str = "of the faces were backs of two-sided sheets, which are one-sided now: show the result from both sides";
+
 /// Says what was dropped of an input for its faults.
 pub(super) fn say_faults(input: &InputReport, log: &mut Log) {
     for (name, n) in input.faults.iter().filter(|(_, n)| **n > 0) {
-        let line = format!("  {n} {} dropped", name.replace('_', " "));
+        let line = match name.as_str() {
+            "back_faces" => format!("  {n} {BACKS}"),
+            _ => format!("  {n} {} dropped", name.replace('_', " ")),
+        };
         match LOST_ROWS.contains(&name.as_str()) {
             true => log.say_reason(line),
             false => log.say(line),

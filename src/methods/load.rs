@@ -28,11 +28,12 @@ pub(super) fn load_bytes(source: &MeshSource) -> u64 {
 pub(super) fn load(source: &MeshSource, progress: &Progress) -> Result<LoadedMesh> {
     let Loaded { mesh, n_degenerate, n_bad, .. } = load_with(source, None, 1, progress)?;
     let (positions, mut triangles) = (mesh.positions, mesh.triangles);
-    let n_repeats = drop_repeats(&mut triangles);
+    let repeats = drop_repeats(&mut triangles);
     orient(&mut triangles, positions.len());
     let faults = BTreeMap::from([
         ("degenerate_faces".to_owned(), n_degenerate),
-        ("duplicate_faces".to_owned(), n_repeats),
+        ("duplicate_faces".to_owned(), repeats.triangles.len() as u64),
+        ("back_faces".to_owned(), repeats.backs),
         ("bad_faces".to_owned(), n_bad),
     ]);
     Ok(LoadedMesh { positions, triangles, faults })

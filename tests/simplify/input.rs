@@ -1,6 +1,6 @@
 //! What `simplify` drops from its input and says so, and what it must not touch.
 
-use crate::common::{check, count, expect, json, scratch};
+use crate::common::{check, count, expect, json, rms, scratch};
 use std::collections::HashMap;
 use std::path::Path;
 use stonecut::io::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
@@ -277,5 +277,38 @@ fn a_quad_that_hides_among_triangles_counts() {
         let mut bytes = pure.clone();
         bytes.extend(tail.as_bytes());
         assert_eq!(read(bytes).n_triangles(), n as u64, "{tail:?}");
+    }
+}
+
+/// A sheet with faces for both sides, leaves of two triangles with backs, and a plain sheet, all apart.
+#[test]
+fn two_sided_sheets_lose_their_backs_through_any_cells() {
+    let at = &scratch();
+    let n = 40;
+    let back = |t: [u32; 3]| [t[0], t[2], t[1]];
+    let (mut points, mut faces) = (georeferenced(n), squares(n));
+    faces.extend(squares(n).into_iter().map(back));
+    for leaf in 0..20 {
+        let first = points.len() as u32;
+        let corner = |i: u32| {
+            [points[0][0] + f64::from(leaf + i % 2), points[0][1] - 3.0 - f64::from(i / 2), 432.0]
+        };
+        points.extend((0..4).map(corner).collect::<Vec<_>>());
+        let front = squares(1).into_iter().map(|t| t.map(|v| v + first));
+        faces.extend(front.flat_map(|t| [t, back(t)]));
+    }
+    let n_backs = i64::from(2 * n * n) + 40;
+    let first = points.len() as u32;
+    points.extend(georeferenced(2 * n).into_iter().map(|[x, y, z]| [x + 30.0, y, z]));
+    faces.extend(squares(2 * n).into_iter().map(|t| t.map(|v| v + first)));
+    write(&at.join("in.ply"), &points, &faces);
+    for cells in ["", "--cell-triangles 1000", "--topology keep"] {
+        let options = format!("--ratio 10% --force --report r.json {cells}");
+        let told = expect(at, &format!("simplify in.ply out.ply {options}"), 0);
+        assert!(told.contains("faces were backs of two-sided sheets"), "{cells}: {told}");
+        let faults = &json(at, "r.json")["input"]["faults"];
+        let found = ["duplicate_faces", "back_faces"].map(|key| count(faults, key));
+        assert_eq!(found, [n_backs; 2], "{cells}");
+        assert!(rms(at, "in.ply", "out.ply") < 0.1, "{cells}");
     }
 }

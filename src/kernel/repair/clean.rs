@@ -1,7 +1,7 @@
 //! Cleans a surface before anything is collapsed: repeated triangles go, and triangles without area.
 //!
 //! Whatever the topology policy: nothing of the surface changes by it. Of triangles over the same three
-//! vertices the first stays; one that is turned over stays, too, where it belongs to another sheet
+//! vertices the first stays; one that is turned over stays, too, where it belongs to another body
 //! (`duplicate_triangles`). A triangle without area whose longest edge is open is dropped; otherwise that edge is
 //! flipped, so that its neighbour is split by the vertex that lay on the edge.
 //! Two corners in one place make an edge whose collapse costs nothing: that is left to the queue, which takes
@@ -19,7 +19,7 @@ use crate::surface::fan::Fan;
 use crate::surface::{MAX_VALENCE, Surface};
 use crate::vertex::GONE;
 use stonecut_mesh::corners::others;
-use stonecut_mesh::duplicate_triangles::{Repeats, flaps, from_least};
+use stonecut_mesh::duplicate_triangles::{Fate, Repeats, fates, from_least};
 use stonecut_mesh::vec3::{dot, length_sq, normal, place_bits, sub};
 
 /// Counts of a cleaning.
@@ -103,8 +103,10 @@ fn drop_repeats(surface: &mut Surface, touched: &mut Vec<u32>) -> u64 {
         let mut sorted = repeats.clone();
         sorted.sort_unstable();
         all.retain(|t| sorted.binary_search(t).is_err());
-        let is_flap = flaps(&turned, all.into_iter().map(corners), is_known);
-        repeats.extend(reversed.iter().zip(is_flap).filter(|(_, flap)| *flap).map(|(&t, _)| t));
+        let n_alive = surface.n_alive as usize;
+        let fates = fates(&turned, n_alive, all.into_iter().map(corners), is_known);
+        let gone = reversed.iter().zip(fates).filter(|(_, fate)| *fate != Fate::Stays);
+        repeats.extend(gone.map(|(&t, _)| t));
     }
     repeats.iter().for_each(|&t| drop_triangle(surface, t, touched));
     repeats.len() as u64

@@ -367,6 +367,7 @@ impl<'a> MemoryRun<'a> {
             cell.order_by_lowest_id();
             let dropped = cell.tidy(0);
             self.fault("duplicate_faces", dropped.duplicate_faces);
+            self.fault("back_faces", dropped.back_faces);
             self.fault("unreferenced_vertices", dropped.unreferenced_vertices);
         }
         let left = rounds::simplify(cell, Stop::Triangles(self.report.target), &self.options);

@@ -108,6 +108,7 @@ pub(in crate::pipeline) fn faults(
     BTreeMap::from([
         ("degenerate_faces".to_owned(), partition.degenerate_faces),
         ("duplicate_faces".to_owned(), dropped.duplicate_faces),
+        ("back_faces".to_owned(), dropped.back_faces),
         (
             "unreferenced_vertices".to_owned(),
             source.unreferenced_vertices() + dropped.unreferenced_vertices,

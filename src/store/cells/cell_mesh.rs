@@ -44,8 +44,11 @@ impl CellMesh {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Dropped {
     /// Triangles with the same three corners as an earlier one; if turned over, only those that belong to no
-    /// separate sheet (`mesh::duplicate_triangles`).
+    /// separate body (`mesh::duplicate_triangles`).
     pub duplicate_faces: u64,
+    /// Those of them that are backs of two-sided sheets.
+    #[serde(default)]
+    pub back_faces: u64,
     /// Vertices that no triangle of any cell uses.
     pub unreferenced_vertices: u64,
 }
@@ -53,6 +56,7 @@ pub struct Dropped {
 impl AddAssign for Dropped {
     fn add_assign(&mut self, other: Dropped) {
         self.duplicate_faces += other.duplicate_faces;
+        self.back_faces += other.back_faces;
         self.unreferenced_vertices += other.unreferenced_vertices;
     }
 }

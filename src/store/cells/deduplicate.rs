@@ -4,7 +4,7 @@
 //! corners always meet in one cell, and each cell can be tidied by itself. Later rounds have nothing to tidy.
 
 use super::cell_mesh::{CellMesh, Dropped};
-use stonecut_mesh::duplicate_triangles::{Repeats, flaps, from_least, remove};
+use stonecut_mesh::duplicate_triangles::{Going, Repeats, fates, from_least, remove};
 
 impl CellMesh {
     /// Brings the triangles into the order of their lowest vertex id; those that share it keep their order.
@@ -55,12 +55,12 @@ impl CellMesh {
     /// The triangles must be in the order of their lowest vertex id. `record_bytes` is the length of one of
     /// `records`. A shared vertex is used by definition, if not here. Memory while it runs: 4 bytes a vertex.
     pub fn tidy(&mut self, record_bytes: usize) -> Dropped {
-        let duplicate_faces = self.drop_duplicates();
+        let Going { triangles, backs: back_faces } = self.drop_duplicates();
         let unreferenced_vertices = self.drop_unreferenced(record_bytes);
-        Dropped { duplicate_faces, unreferenced_vertices }
+        Dropped { duplicate_faces: triangles.len() as u64, back_faces, unreferenced_vertices }
     }
 
-    fn drop_duplicates(&mut self) -> u64 {
+    fn drop_duplicates(&mut self) -> Going {
         let triangles = &self.mesh.triangles;
         let lowest = |t: &[u32; 3]| t.map(|v| self.ids[v as usize]).into_iter().min();
         let mut found = Repeats::default();
@@ -78,7 +78,7 @@ impl CellMesh {
             keys.sort_unstable();
             found.add(&keys, |i| from_least(triangles[i as usize]));
         }
-        let repeats = found.that_go(triangles.len(), |reversed, gone| {
+        let going = found.that_go(triangles.len(), |reversed, gone| {
             let turned: Vec<[u32; 3]> = reversed.iter().map(|&i| triangles[i as usize]).collect();
             let mut is_concerned = vec![false; self.mesh.positions.len()];
             turned.iter().flatten().for_each(|&v| is_concerned[v as usize] = true);
@@ -86,10 +86,10 @@ impl CellMesh {
                 .filter(|(_, t)| t.iter().filter(|&&v| is_concerned[v as usize]).count() > 1)
                 .filter(|(i, _)| gone.binary_search(&(*i as u32)).is_err())
                 .map(|(_, t)| *t);
-            flaps(&turned, all, |v| !self.shared[v as usize])
+            fates(&turned, triangles.len(), all, |v| !self.shared[v as usize])
         });
-        remove(&mut self.mesh.triangles, &repeats);
-        repeats.len() as u64
+        remove(&mut self.mesh.triangles, &going.triangles);
+        going
     }
 
     fn drop_unreferenced(&mut self, record_bytes: usize) -> u64 {
@@ -152,7 +152,10 @@ mod tests {
         };
         cell.order_by_lowest_id();
         let dropped = cell.tidy(2);
-        assert_eq!(dropped, Dropped { duplicate_faces: 3, unreferenced_vertices: 1 });
+        assert_eq!(
+            dropped,
+            Dropped { duplicate_faces: 3, unreferenced_vertices: 1, ..Dropped::default() }
+        );
         assert_eq!(cell.mesh.triangles, [[0, 2, 3], [0, 3, 1], [1, 3, 2]]);
         assert_eq!(cell.ids, [10, 11, 12, 13, 15].map(GlobalVertex));
         assert_eq!(cell.records, [0, 1, 2, 3, 4, 5, 6, 7, 10, 11]);
