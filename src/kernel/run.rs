@@ -101,8 +101,8 @@ pub(crate) fn start(
     if options.record && driver.state.wedges.is_none() && options.bound.is_none() {
         driver.history = Some(Box::new(History::new(driver.state.surface.n_channels)));
     }
-    // Steps that are recorded free one triangle or two, and the bound follows no curves.
-    driver.collapser.may_go_along = driver.history.is_none() && options.bound.is_none();
+    // Steps that are recorded free one triangle or two.
+    driver.collapser.may_go_along = driver.history.is_none();
     if options.estimate {
         driver.probes = Some(Probes::take(&driver.state.surface));
     }

@@ -3,7 +3,7 @@
 use crate::common::meshes::{halves, squares};
 use std::collections::BTreeMap;
 use stonecut::Mesh;
-use stonecut::kernel::{Options, Stop, Topology, simplify_mesh};
+use stonecut::kernel::{Bound, Options, Stop, Topology, simplify_mesh};
 
 /// Three bumpy pages of `length` x `width` squares that meet in a bent line.
 ///
@@ -76,6 +76,43 @@ fn pages_stay_bound() {
         // Both ends of the line, and what lies on it, are still there.
         let ends = [mesh.positions[0], mesh.positions[96]];
         assert!(ends.iter().all(|end| result.positions.contains(end)));
+    }
+}
+
+/// The same with flat pages and a straight line; 6 triangles are enough for it.
+fn flat_book(n: usize) -> Mesh {
+    let mut mesh = book(n, n);
+    for (k, p) in mesh.positions.iter_mut().enumerate() {
+        let (row, x) = (k / (n + 1), (k % (n + 1)) as f64);
+        let page = row.saturating_sub(1) / n;
+        let off = if row == 0 { 0.0 } else { ((row - 1) % n + 1) as f64 };
+        let (s, c) = (page as f64 * std::f64::consts::TAU / 3.0).sin_cos();
+        *p = [x, off * c, off * s];
+    }
+    mesh
+}
+
+#[test]
+fn a_straight_line_of_flat_pages_becomes_as_short_as_it_can() {
+    let mesh = flat_book(40);
+    let free = vec![false; mesh.positions.len()];
+    let bound = Bound { distance: 0.1, channel: None, patience: 1.0 };
+    for (bound, most) in [(None, 20), (Some(bound), 40)] {
+        let stop = Stop::Triangles(most);
+        let options = Options { stop, bound, ..Options::default() };
+        let result = simplify_mesh(mesh.clone(), &free, &options);
+        assert!(result.statistics.reached, "{} triangles", result.mesh.triangles.len());
+        let at = |v: u32| result.mesh.positions[v as usize];
+        let area = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(at);
+            let [u, v] = [b, c].map(|p| [p[0] - a[0], p[1] - a[1], p[2] - a[2]]);
+            let n =
+                [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            0.5 * n.iter().map(|x| x * x).sum::<f64>().sqrt()
+        };
+        let area: f64 = result.mesh.triangles.iter().map(area).sum();
+        assert!((area / 4800.0 - 1.0).abs() < 0.01, "{area}");
+        assert!(edges(&result.mesh)[&3] <= 6);
     }
 }
 

@@ -62,7 +62,7 @@ impl Collapser {
         if surface.has_locked_copies && self.meets_copy(surface) {
             return Err(Reject::LinkCondition);
         }
-        if !surface.may_shorten(v0) {
+        if !surface.may_shorten(v0, n_gone) {
             return Err(Reject::NonManifold);
         }
         Ok(())

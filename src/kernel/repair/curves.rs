@@ -9,6 +9,7 @@ use crate::surface::Surface;
 use crate::surface::class::Class;
 use crate::surface::junction::are_curves;
 use crate::vertex::GONE;
+use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::union_find::Union;
 use stonecut_mesh::vec3::{Vec3, dot, length_sq, scale, sub};
 
@@ -73,12 +74,21 @@ impl Curves {
         }
         let group: Vec<usize> = roots.into_roots().into_iter().map(|root| root as usize).collect();
         let mut groups = vec![EdgeGroup::default(); places.len()];
+        let mut boxes = vec![Bounds::EMPTY; places.len()];
         for ((&place, &group), &n) in places.iter().zip(&group).zip(&n_ends) {
             groups[group].goes_on |= is_locked(place);
             groups[group].n_loose += usize::from(n == 1);
+            boxes[group].add(surface.vertices[place as usize].position);
         }
-        for (edge, &kind) in edges.iter().zip(&kinds) {
-            let group = &mut groups[group[number(edge[0])]];
+        let mut around = Vec::new();
+        for (&[a, b], &kind) in edges.iter().zip(&kinds) {
+            let is_large = boxes[group[number(a)]].side() >= surface.long_curve;
+            let group = &mut groups[group[number(a)]];
+            if kind == MeetKind::Other && is_large && !group.is_long {
+                // Not where sheets only lie beside each other.
+                surface.junction_neighbours(a, &mut around);
+                group.is_long = around.contains(&b);
+            }
             group.n_edges += 1;
             group.n_walls += usize::from(kind == MeetKind::Rim);
             group.n_odd += usize::from(kind == MeetKind::Other);
@@ -117,20 +127,22 @@ struct EdgeGroup {
     n_odd: usize,
     /// True if it may go on in another cell.
     goes_on: bool,
+    /// True if it is long beside the mesh (`Surface::long_curve`).
+    is_long: bool,
 }
 
 impl EdgeGroup {
-    fn is_long(&self) -> bool {
-        self.goes_on || are_curves(self.n_edges, self.n_loose)
+    fn is_more_than_noise(&self) -> bool {
+        self.goes_on || self.is_long || are_curves(self.n_edges, self.n_loose)
     }
 
     /// Most of its edges are ends of double walls; where the copies differ, some look as if bodies met in a line.
     fn is_of_bodies(&self) -> bool {
-        self.is_long() && self.n_odd == 0 && 4 * self.n_walls >= 3 * self.n_edges
+        self.is_more_than_noise() && self.n_odd == 0 && 4 * self.n_walls >= 3 * self.n_edges
     }
 
     fn is_curve(&self) -> bool {
-        self.is_long() && !self.is_of_bodies()
+        self.is_more_than_noise() && !self.is_of_bodies()
     }
 }
 

@@ -10,6 +10,7 @@ use crate::state::MeshState;
 use crate::state::validate::validate;
 use crate::surface::class::Class;
 use crate::surface::fan::{Fan, is_one_fan};
+use crate::surface::junction::LONG_CURVE;
 use crate::surface::models::Models;
 use crate::surface::wedges::Corners;
 use crate::surface::{AHEAD, Ring, Surface, morton};
@@ -119,6 +120,7 @@ impl MeshState {
             has_locked_copies: false,
             has_walls: false,
             rounds: false,
+            long_curve: if locked.contains(&true) { f64::INFINITY } else { LONG_CURVE * side },
             scale,
             unscale: 1.0 / scale,
         };

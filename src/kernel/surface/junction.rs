@@ -9,6 +9,7 @@ use crate::surface::class::Class;
 use crate::surface::fan::Fan;
 use crate::surface::{MAX_VALENCE, Surface};
 use crate::vertex::GONE;
+use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::corners::others;
 
 /// At edges of more triangles than this nothing collapses: room for those that vanish.
@@ -19,6 +20,10 @@ pub(crate) const MOST_SHEETS: usize = 7;
 const FEW: usize = 8;
 /// Edges that hang together are curves if they are more than this.
 const MANY: usize = 48;
+
+/// Edges that hang together are curves, however few, if their box has at least this share of the longest side of the whole mesh and
+/// the number of their sheets is odd. Bodies that touch along an edge have an even number.
+pub(crate) const LONG_CURVE: f64 = 0.25;
 
 /// Returns whether this number of connected edges of three or more triangles, with this number of loose ends, makes curves, not noise.
 pub(crate) fn are_curves(n_edges: usize, n_loose: usize) -> bool {
@@ -116,8 +121,8 @@ impl Surface {
         }
     }
 
-    /// Returns whether the edges that hang together with a vertex on a curve would still be curves with one less.
-    pub(crate) fn may_shorten(&self, v: u32) -> bool {
+    /// Returns whether the edges that hang together with a vertex on a curve of `n_sheets` would still be curves with one less.
+    pub(crate) fn may_shorten(&self, v: u32, n_sheets: usize) -> bool {
         let (mut seen, mut at) = (vec![v], 0);
         let (mut n_sides, mut n_loose) = (0, 0);
         let mut around = Vec::new();
@@ -140,6 +145,9 @@ impl Surface {
                 return true;
             }
         }
-        are_curves((n_sides / 2).saturating_sub(1), n_loose)
+        let mut left = Bounds::EMPTY;
+        seen[1..].iter().for_each(|&w| left.add(self.vertices[w as usize].position));
+        n_sheets % 2 == 1 && left.side() >= self.long_curve
+            || are_curves((n_sides / 2).saturating_sub(1), n_loose)
     }
 }

@@ -74,6 +74,9 @@ pub(crate) struct Surface {
     pub(crate) has_walls: bool,
     /// True if new places are numbers of `f32`, as the output's are.
     pub(crate) rounds: bool,
+    /// Size of a box from which on a curve of an odd number of sheets is not noise, however few its edges are; infinite where other
+    /// cells may hold more of it.
+    pub(crate) long_curve: f64,
     /// Power of two that brings edges near to length 1, so that f32 neither over- nor underflows.
     pub(crate) scale: f64,
     /// 1 / scale, which is exact.
