@@ -366,6 +366,32 @@ fn nothing_is_cut_out_of_a_ring_of_doubles_far_from_the_origin() {
 }
 
 #[test]
+fn coarse_floats_do_not_add_up() {
+    // Steps of 1/32 between floats, edges of about 0.6.
+    let off = 300_000.0;
+    let mut mesh = meshes::torus(96, 48, |_, _| 0.5);
+    let single = |x: f64| f64::from((8.0 * x + off) as f32);
+    mesh.positions.iter_mut().for_each(|p| *p = p.map(single));
+    let locked = vec![false; mesh.positions.len()];
+    let away = |no_self_intersections: bool| {
+        let stop = Stop::Triangles(mesh.triangles.len() as u64 / 10);
+        let options = Options { stop, no_self_intersections, ..Options::default() };
+        let done = simplify_mesh(mesh.clone(), &locked, &options).mesh;
+        if no_self_intersections {
+            assert!(done.positions.iter().flatten().all(|&x| f64::from(x as f32) == x));
+            assert_eq!(faults(&done), (0, 0));
+        }
+        let from_ring = |p: &[f64; 3]| {
+            let [x, y, z] = p.map(|x| (x - off) / 8.0);
+            ((x.hypot(y) - 1.0).hypot(z) - 0.5).powi(2)
+        };
+        (done.positions.iter().map(from_ring).sum::<f64>() / done.positions.len() as f64).sqrt()
+    };
+    let (free, guarded) = (away(false), away(true));
+    assert!(guarded < 1.5 * free, "{guarded} with the guard, {free} without");
+}
+
+#[test]
 fn bodies_inside_out_are_turned_and_counted() {
     let mut mesh = meshes::torus(40, 20, |_, _| 0.5);
     mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));

@@ -101,13 +101,49 @@ impl Crossings {
         }
         let n = b.len() as f64;
         let inwards = unit(normal).map_or([0.0; 3], |normal| scale(normal, -inwards * edges / n));
-        let place: Vec3 = surface.rounded(add(add(own, sum.map(|x| to_middle * x / n)), inwards));
+        let place = surface.rounded(add(add(own, sum.map(|x| to_middle * x / n)), inwards));
+        self.put(surface, v, place, right)
+    }
+
+    /// Rounds places to numbers of `f32`, as the output has them: to the nearest, or to one beside it where pairs would meet that do not
+    /// meet before.
+    pub(crate) fn settle(&mut self, surface: &mut Surface) {
+        for v in 0..surface.vertices.len() as u32 {
+            let own = surface.vertices[v as usize].position;
+            let near = own.map(|x| x as f32);
+            let is_there = near.iter().zip(own).all(|(&near, x)| f64::from(near) == x);
+            let ring = &surface.rings[v as usize];
+            if is_there || ring.len == 0 || ring.len > MAX_VALENCE {
+                continue;
+            }
+            let beside = [0, 1, 2].map(|k| match f64::from(near[k]) < own[k] {
+                true => near[k].next_up(),
+                false => near[k].next_down(),
+            });
+            (0..8).any(|bits| {
+                let at = |k: usize| if bits >> k & 1 == 0 { near[k] } else { beside[k] };
+                let place = [0, 1, 2].map(|k| f64::from(at(k)));
+                self.put(surface, v, place, |before, after| after <= before)
+            });
+        }
+    }
+
+    /// Moves a vertex to a place, if the pairs that meet before and after are `right`.
+    fn put(
+        &mut self,
+        surface: &mut Surface,
+        v: u32,
+        place: Vec3,
+        right: impl Fn(usize, usize) -> bool,
+    ) -> bool {
         let ids = surface.ring(v);
         let before = self.before(surface, ids);
         self.fan.clear();
         let at = |w: u32| if w == v { place } else { surface.vertices[w as usize].position };
-        let around = b.iter().zip(&c).map(|(&b, &c)| [v, b, c]);
-        self.fan.extend(around.map(|corners| Facet::new(corners, corners.map(at))));
+        self.fan.extend(ids.iter().map(|&t| {
+            let corners = surface.triangles[t as usize];
+            Facet::new(corners, corners.map(at))
+        }));
         let is_right = right(before, self.count(surface, ids));
         if is_right {
             surface.vertices[v as usize].position = place;

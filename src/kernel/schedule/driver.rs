@@ -58,6 +58,8 @@ pub(crate) struct Driver {
     pub(crate) bound: Option<Box<Tracker>>,
     /// Keeps the surface from passing through itself, where that was asked for.
     pub(crate) crossings: Option<Box<Crossings>>,
+    /// True if places are rounded to floats at the end: these are coarse here.
+    pub(crate) settles: bool,
     /// Volume that cuts have changed.
     cut_volume: Option<CutVolume>,
     /// Size of the holes that are filled; 0: none.
@@ -201,6 +203,7 @@ impl Driver {
             is_held: false,
             bound: None,
             crossings: None,
+            settles: false,
             cut_volume: None,
             close_size: 0.0,
             crumb_size: 0.0,
