@@ -66,7 +66,7 @@ pub struct Going {
     pub backs: u64,
 }
 
-/// What becomes of a triangle that is turned over against another one.
+/// Fate of a triangle that is turned over against another one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
     /// It belongs to a second body that touches there.
@@ -90,7 +90,7 @@ pub fn remove(triangles: &mut Vec<[u32; 3]>, gone: &[u32]) {
 /// An edge of triangles that are there turned over as well.
 #[derive(Default)]
 struct Edge {
-    /// How many more triangles run upwards along it than downwards.
+    /// Triangles that run upwards along it, less those that run downwards.
     surplus: i64,
     n_triangles: u32,
     n_reversed: u32,
