@@ -104,6 +104,11 @@ impl Rounding {
         }
     }
 
+    /// True if neighbours fall together: a step is as long as the mean edge.
+    pub(super) fn is_ruinous(&self) -> bool {
+        self.n_edges > 0 && self.step() >= self.edges / self.n_edges as f64
+    }
+
     /// A line on the rounding, if it is more than a thousandth of the mean edge, or many triangles are thinner than it.
     pub(super) fn note(&self) -> Option<String> {
         let (mean, step) = (self.edges / self.n_edges as f64, self.step());

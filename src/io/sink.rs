@@ -314,7 +314,9 @@ impl MeshSink {
             losses.lose(loss.count(self.n_not_finite));
         }
         if let Some(line) = self.rounding.as_ref().and_then(Rounding::note) {
-            losses.lose(Loss { kind: LossKind::Precision, ..Loss::remark(line) });
+            let loss = Loss { kind: LossKind::Precision, ..Loss::remark(line) };
+            let is_ruinous = self.rounding.as_ref().is_some_and(Rounding::is_ruinous);
+            losses.lose(if is_ruinous { loss.whole() } else { loss });
         }
         if let Some((plan, _)) = &self.textures {
             losses.merge(&plan.losses);
