@@ -39,7 +39,8 @@ pub struct Args {
     /// Pixels of each picture.
     #[arg(long, value_name = "WxH", default_value = "1200x900", value_parser = parse_size)]
     pub size: (u32, u32),
-    /// From where: auto, front, back, left, right, top, bottom, or a direction x,y,z towards the viewer.
+    /// From where: auto, a direction x,y,z towards the viewer, or front, back, left, right, top, bottom with z up (front looks
+    /// along y; in glTF y is up, and front looks along -z).
     #[arg(long, value_name = "DIR", default_value = "auto", value_parser = parse_direction,
           allow_hyphen_values = true)]
     pub view: Direction,
@@ -188,6 +189,7 @@ pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)
         let source = super::arguments::open_mesh(path, temp_dir, args.memory)?;
         source.refuse_output(&args.output)?;
         n_triangles += source.n_triangles();
+        view.direction = of_format(args.view, &source);
         if args.mesh.len() > 1 && !args.own_camera && view.aim.is_none() {
             view.aim = Some(aim_source(&source, &view, resources, progress)?);
         }
@@ -252,14 +254,15 @@ fn parse_direction(text: &str) -> Result<Direction, String> {
     let complaint = || {
         format!("invalid view '{text}': write auto, front, back, left, right, top, bottom or x,y,z")
     };
+    let side = |from| Direction::Upright { from, up: [0.0, 0.0, 1.0] };
     Ok(match text {
         "auto" => Direction::Auto,
-        "front" => Direction::From([0.0, -1.0, 0.0]),
-        "back" => Direction::From([0.0, 1.0, 0.0]),
-        "left" => Direction::From([-1.0, 0.0, 0.0]),
-        "right" => Direction::From([1.0, 0.0, 0.0]),
-        "top" => Direction::From([0.0, 0.0, 1.0]),
-        "bottom" => Direction::From([0.0, 0.0, -1.0]),
+        "front" => side([0.0, -1.0, 0.0]),
+        "back" => side([0.0, 1.0, 0.0]),
+        "left" => side([-1.0, 0.0, 0.0]),
+        "right" => side([1.0, 0.0, 0.0]),
+        "top" => side([0.0, 0.0, 1.0]),
+        "bottom" => side([0.0, 0.0, -1.0]),
         _ => {
             let numbers = numbers::<3>(text).ok_or_else(complaint)?;
             if numbers == [0.0; 3] {
@@ -268,6 +271,17 @@ fn parse_direction(text: &str) -> Result<Direction, String> {
             Direction::From(numbers)
         }
     })
+}
+
+/// A side by name as the format of the file has its axes: in glTF y is up, and the front faces along z.
+fn of_format(direction: Direction, source: &MeshSource) -> Direction {
+    let turned = |[x, y, z]: [f64; 3]| [x, z, -y];
+    match direction {
+        Direction::Upright { from, up } if source.file_format() == "glTF" => {
+            Direction::Upright { from: turned(from), up: turned(up) }
+        }
+        other => other,
+    }
 }
 
 fn parse_sphere(text: &str) -> Result<Sphere, String> {

@@ -144,11 +144,11 @@ impl Camera {
     /// A camera looking at `target` from `direction`, as yet at no distance.
     pub(super) fn facing(target: Vec3, direction: Vec3, up: Vec3, size: [usize; 2]) -> Self {
         let back = unit(direction).unwrap_or([0.0, 0.0, 1.0]);
-        // Looking straight along `up` leaves the picture's upright to any other axis.
+        // Looking straight along `up`, the picture's upright is y, or -z.
         let right = unit(cross(up, back))
             .filter(|_| dot(up, back).abs() < 0.999)
             .or_else(|| unit(cross([0.0, 1.0, 0.0], back)))
-            .or_else(|| unit(cross([1.0, 0.0, 0.0], back)))
+            .or_else(|| unit(cross([0.0, 0.0, -1.0], back)))
             .unwrap_or([1.0, 0.0, 0.0]);
         let up_in_view = cross(back, right);
         let half = size.map(|n| 0.5 * n as f64);

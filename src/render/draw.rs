@@ -350,12 +350,14 @@ pub(super) fn aim(
     let threads = resources.threads;
     let extent = extent(scene, threads, progress)?;
     let (mut up, natural) = extent.natural_view();
-    if let Direction::From(_) = view.direction {
+    match view.direction {
         // Who names a direction thinks in axes; a flat thing that leans a little would roll the picture.
-        up = nearest_axis(up);
+        Direction::From(_) => up = nearest_axis(up),
+        Direction::Upright { up: given, .. } => up = given,
+        Direction::Auto => {}
     }
     let direction = match (view.direction, &view.zoom) {
-        (Direction::From(direction), _) => direction,
+        (Direction::From(direction) | Direction::Upright { from: direction, .. }, _) => direction,
         (Direction::Auto, Some(sphere)) => {
             let outward = facing(scene, sphere, resources, progress)?;
             outward.map_or(natural, |n| add(add(n, scale(up, 0.35)), scale(natural, 0.25)))

@@ -15,6 +15,13 @@ pub enum Direction {
     Auto,
     /// From the mesh towards the viewer, in object space; any length.
     From([f64; 3]),
+    /// The same, with the direction that is up in the picture.
+    Upright {
+        /// From the mesh towards the viewer.
+        from: [f64; 3],
+        /// Upwards.
+        up: [f64; 3],
+    },
 }
 
 /// A place of interest.

@@ -1,5 +1,6 @@
 //! Placing of an input before all else: `--up`, `--scale`, `--translate`, `--transform`, `--recentre`.
 
+use crate::common::meshes::ply_text;
 use crate::common::{expect, glb_json, json, printed, run, scratch};
 use std::path::Path;
 
@@ -228,5 +229,65 @@ fn what_was_placed_belongs_to_a_job() {
         "--transform 1,0,0,0,0,1,0,0,0,0,0,0,0,0,0,1",
     ] {
         expect(folder, &format!("convert in.ply no.ply {wrong}"), 2);
+    }
+}
+
+/// Boxes along the axes from the origin: x red and 4 long, y green and 2, z blue and 6; y stretched.
+fn axes(stretch: f64) -> String {
+    let mut rows = Vec::new();
+    let mut triangles = Vec::new();
+    for (axis, length) in [4.0, 2.0 * stretch, 6.0].into_iter().enumerate() {
+        let first = rows.len() as u32;
+        for i in 0..8 {
+            let side = |k: usize| match (i >> k & 1, k == axis) {
+                (0, _) => -0.3,
+                (_, true) => length,
+                (_, false) => 0.3,
+            };
+            let colour = [0, 1, 2].map(|k| if k == axis { 255 } else { 0 });
+            let [r, g, b] = colour;
+            rows.push(format!("{} {} {} {r} {g} {b}", side(0), side(1), side(2)));
+        }
+        let faces =
+            [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        for [a, b, c, d] in faces {
+            triangles.extend([[a, b, c], [a, c, d]].map(|t: [u32; 3]| t.map(|v| first + v)));
+        }
+    }
+    let colours = "uchar red, uchar green, uchar blue";
+    ply_text(colours, rows.into_iter(), &triangles)
+}
+
+#[test]
+fn a_named_side_is_the_same_in_any_format_and_shape() {
+    let at = &scratch();
+    std::fs::write(at.join("axes.ply"), axes(1.0)).unwrap();
+    std::fs::write(at.join("long.ply"), axes(4.0)).unwrap();
+    expect(at, "convert axes.ply axes.glb --up z", 0);
+    let picture = |file: &str, view: &str| {
+        let options = "--color vertex --unlit --size 60x60 --force";
+        expect(at, &format!("render {file} -o p.png --view {view} {options}"), 0);
+        image::open(at.join("p.png")).unwrap().to_rgb8()
+    };
+    for view in ["front", "back", "left", "right", "top", "bottom"] {
+        let [a, b] = ["axes.ply", "axes.glb"].map(|file| picture(file, view));
+        let differs =
+            |p: &image::Rgb<u8>, q: &image::Rgb<u8>| (0..3).any(|k| p.0[k].abs_diff(q.0[k]) > 60);
+        let n = a.pixels().zip(b.pixels()).filter(|(p, q)| differs(p, q)).count();
+        assert!(n < 90, "{view}: {n} of 3600 pixels differ");
+    }
+    // From the front, z stands upright and y points away, however long it is.
+    for file in ["axes.ply", "long.ply"] {
+        let front = picture(file, "front");
+        let is_blue = |p: &image::Rgb<u8>| p.0[2] > 150 && p.0[0] < 90 && p.0[1] < 90;
+        let blue: Vec<(u32, u32)> = front
+            .enumerate_pixels()
+            .filter(|(_, _, p)| is_blue(p))
+            .map(|(x, y, _)| (x, y))
+            .collect();
+        let span = |k: fn(&(u32, u32)) -> u32| {
+            blue.iter().map(k).max().unwrap() - blue.iter().map(k).min().unwrap()
+        };
+        assert!(span(|p| p.1) > 3 * span(|p| p.0), "{file}: {blue:?}");
     }
 }
