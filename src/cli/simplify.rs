@@ -92,7 +92,8 @@ pub struct Args {
     textures: Option<TextureMode>,
     #[command(flatten)]
     faces: TypedFaces,
-    /// With --max-error: write the distance from the input, at most, with every vertex, as property `error` (PLY).
+    /// With --max-error: write with every vertex its distance from the input, or that of the input around it from its triangles,
+    /// whichever is larger, as property `error` (PLY).
     #[arg(long, requires = "max_error")]
     error_field: bool,
     /// Weights of attributes against the shape: color=W,normal=W,uv=W,NAME=W; 0 rides along, 1 is

@@ -441,7 +441,7 @@ fn add_degenerate(comparison: &mut Comparison, original: u64, simplified: u64) {
     }
 }
 
-fn cut(
+pub(crate) fn cut(
     source: &MeshSource,
     request: &Request,
     memory_bytes: u64,
@@ -468,6 +468,6 @@ fn cut(
     Scratch::cut(source, cutting, progress)
 }
 
-fn parts<'a>(cells: &'a Scratch, source: &MeshSource) -> Parts<'a> {
+pub(crate) fn parts<'a>(cells: &'a Scratch, source: &MeshSource) -> Parts<'a> {
     Parts::in_cells(cells.store(), source.n_vertices(), cells.partition().bounds)
 }

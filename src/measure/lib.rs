@@ -37,6 +37,7 @@ mod tilted;
 pub mod tree;
 pub mod triangle;
 mod unit;
+mod vertex_distances;
 pub mod wide;
 
 pub use carried::Carried;
@@ -49,6 +50,7 @@ pub use parts::{Parts, Place};
 pub use region::{Region, TriangleSizes};
 pub use side::{Side, Spread};
 pub use unit::Unit;
+pub use vertex_distances::vertex_distances;
 
 use carried::Values;
 use sample::{Density, Sample};

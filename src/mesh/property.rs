@@ -33,7 +33,8 @@ impl Scalar {
     }
 }
 
-/// The property of vertices that `simplify --error-field` writes: the distance from the input, at most.
+/// The property of vertices that `simplify --error-field` writes: its distance from the input, or that of vertices of the input from
+/// the triangles around it, whichever is larger.
 pub const REACH: &str = "error";
 
 /// Origin of a property of vertices.

@@ -272,7 +272,12 @@ fn run_trial(
     }
     let certificate = comparison.measured.certificate.filter(|enclosed| enclosed.upper.is_finite());
     let beyond = certificate.as_ref().map_or(Vec::new(), |enclosed| enclosed.beyond.clone());
-    Ok(Some(Trial { number, share: tightened.share, report, max, rms, certificate, beyond }))
+    let share = tightened.share;
+    let trial = Trial { number, share, report, max, rms, certificate, beyond };
+    if config.error_field && trial.keeps(bound) {
+        super::error_field::raise(&request, &Disk::default(), progress)?;
+    }
+    Ok(Some(trial))
 }
 
 impl Tightened {

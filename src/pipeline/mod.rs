@@ -7,6 +7,7 @@
 pub(crate) mod bake;
 mod concluded;
 mod derived;
+mod error_field;
 pub mod extract;
 mod fit;
 pub mod in_memory;

@@ -1,6 +1,6 @@
 //! `--max-error`: the distance between input and result, both ways, stays within the bound.
 
-use crate::common::{count, expect, json, run, scratch, write_ply};
+use crate::common::{count, expect, json, meshes, run, scratch, write_ply};
 use std::path::Path;
 use stonecut::Mesh;
 use stonecut::kernel::{Bound, Options, Stop, simplify_mesh};
@@ -232,6 +232,55 @@ fn the_field_has_a_distance_for_every_vertex() {
     assert!(errors.iter().any(|error| *error > 0.25), "and not far below it everywhere");
     let output = run(at, "simplify o.ply p.ply --max-error 0.5 --error-field");
     assert_eq!(output.status.code(), Some(2), "the name is taken: {output:?}");
+}
+
+/// Largest share by which a vertex is farther from the mesh than its `error` says.
+fn beyond_field(mesh: &Mesh, path: &Path) -> f64 {
+    let source = stonecut::io::ply::MeshSource::open(path).unwrap();
+    let (mut places, mut errors) = (Vec::new(), Vec::new());
+    source
+        .each_vertex_block(|block| {
+            for record in block.records.chunks_exact(source.schema().record_bytes()) {
+                places.push(source.schema().position(record));
+                let error = record.last_chunk().map(|bytes| f32::from_le_bytes(*bytes));
+                errors.push(f64::from(error.unwrap()));
+            }
+            Ok(())
+        })
+        .unwrap();
+    let target = measure::Parts::in_memory(mesh, None);
+    let true_ones =
+        measure::distances(&places, &target, 1, u64::MAX, &Progress::default()).unwrap();
+    assert!(true_ones.len() > 40 && true_ones.iter().any(|distance| *distance > 0.0));
+    let shares = true_ones.iter().zip(&errors).map(|(distance, error)| distance / error);
+    shares.filter(|share| share.is_finite()).fold(0.0, f64::max)
+}
+
+#[test]
+fn no_vertex_is_farther_than_its_field_says() {
+    let at = &scratch();
+    let mesh = meshes::torus(60, 40, |_, _| 0.4);
+    write_ply(&at.join("in.ply"), Scalar::F64, &mesh.positions, &mesh.triangles);
+    let faces = |name: &str| {
+        let source = stonecut::io::ply::MeshSource::open(&at.join(name)).unwrap();
+        let mut all = Vec::new();
+        (0..source.n_face_blocks()).for_each(|index| {
+            let mut block = stonecut::io::ply::FaceBlock::default();
+            source.read_faces(index, &mut block).unwrap();
+            all.extend(block.triangles);
+        });
+        all
+    };
+    for cells in ["", "--cell-triangles 1500"] {
+        let bounded = format!("--max-error 0.01 {cells} --force");
+        for format in ["", "--format ascii", "--format binary_big_endian"] {
+            expect(at, &format!("simplify in.ply o.ply --error-field {format} {bounded}"), 0);
+            let share = beyond_field(&mesh, &at.join("o.ply"));
+            assert!(share <= 1.0 + 1e-9, "{cells} {format}: {share} times");
+        }
+        expect(at, &format!("simplify in.ply p.ply {bounded}"), 0);
+        assert!(faces("o.ply") == faces("p.ply"), "{cells}: faces are as without");
+    }
 }
 
 #[test]

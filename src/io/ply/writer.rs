@@ -411,7 +411,7 @@ fn put_row(rows: &mut Vec<u8>, corners: [[u8; 4]; 3]) {
 }
 
 /// Appends one vertex in the given encoding, with coordinates of the given type.
-fn put_vertex(
+pub(super) fn put_vertex(
     schema: &VertexSchema,
     coordinate: Scalar,
     encoding: Encoding,
