@@ -26,7 +26,7 @@ pub(super) struct TypedSolid {
     #[arg(long, value_name = "SIZE", num_args = 0..=1, require_equals = true, default_missing_value = "5%")]
     close: Option<HoleSize>,
     /// Turn triangles over so that neighbours agree, in every round; of each component those that are fewer. Components with one
-    /// side only (Moebius bands) stay and are counted.
+    /// side only (Moebius bands) stay and are counted. Closed components that are inside out are turned where the result fits into one cell.
     #[arg(long)]
     orient: bool,
     /// Refuse what would make the surface pass through itself where it did not, for 3D printing and simulation: takes two to

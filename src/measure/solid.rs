@@ -10,6 +10,7 @@ use crate::temp_store::Cutting;
 use stonecut_io::ply::MeshSource;
 use stonecut_mesh::Mesh;
 use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::outward::turn_outward;
 use stonecut_mesh::union_find::Union;
 use stonecut_mesh::vec3::place_bits;
 use stonecut_system::error::Result;
@@ -36,6 +37,9 @@ pub struct Solid {
     pub touching_vertices: Option<u64>,
     /// Edges whose two triangles disagree about the side that is outside.
     pub inconsistent_edges: u64,
+    /// Closed components that are inside out; absent where the file was counted through cells.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bodies_inside_out: Option<u64>,
     /// Pairs of triangles that meet beside a common corner or edge.
     pub self_intersections: u64,
     /// True if all that was asked for is so.
@@ -132,6 +136,7 @@ fn of_mesh(mut mesh: Mesh, largest: f64) -> Solid {
         non_manifold_edges,
         touching_vertices: Some(touching as u64),
         inconsistent_edges,
+        bodies_inside_out: Some(turn_outward(&mut mesh).1),
         ..Solid::default()
     }
 }
@@ -160,6 +165,10 @@ mod tests {
         let found = of_mesh(mesh.clone(), f64::INFINITY);
         assert_eq!((found.open_edges, found.non_manifold_edges), (0, 1));
         assert_eq!((found.touching_vertices, found.open_loops), (Some(1), Some(0)));
+        assert_eq!(found.bodies_inside_out, Some(0));
+        let mut turned = mesh.clone();
+        turned.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        assert!(of_mesh(turned, f64::INFINITY).bodies_inside_out > Some(0));
         mesh.triangles.pop();
         let found = of_mesh(mesh.clone(), 10.0);
         assert_eq!((found.open_edges, found.open_loops), (3, Some(1)));

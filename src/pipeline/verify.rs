@@ -115,18 +115,22 @@ pub fn look(config: &Config, run: &StageContext, report: &mut RunReport) -> Resu
         }
         report.seconds += start.elapsed().as_secs_f64();
     }
-    let is_carried = |side: &str| {
-        let mut properties = report.face_properties.iter();
-        properties.any(|p| p.name == side && p.carried != FacePolicy::Dropped)
-    };
-    let has_walls = SIDES.into_iter().all(is_carried);
-    if has_walls && config.trial_of.is_none() && refuse_unreadable(config).is_ok() {
+    if has_walls(report) && config.trial_of.is_none() && refuse_unreadable(config).is_ok() {
         for output in config.outputs() {
             let opened = opened_edges(output, config, run)?;
             report.opened_region_edges = report.opened_region_edges.max(opened);
         }
     }
     Ok(())
+}
+
+/// Returns whether faces of the result have the regions on both their sides.
+fn has_walls(report: &RunReport) -> bool {
+    let is_carried = |side: &str| {
+        let mut properties = report.face_properties.iter();
+        properties.any(|p| p.name == side && p.carried != FacePolicy::Dropped)
+    };
+    SIDES.into_iter().all(is_carried)
 }
 
 /// Counts the edges at which regions are open in an output; 0 if they were not closed in the input either.
@@ -158,9 +162,16 @@ fn look_at(
     let found = solid::look(&source, largest.unwrap_or(f64::INFINITY), cutting, run.progress)?;
     let refuses = config.kernel.no_self_intersections;
     let is_manifold = found.non_manifold_edges == 0 && found.touching_vertices.unwrap_or(0) == 0;
+    // Walls face as their regions lie.
+    let has_walls = has_walls(report);
+    let found = Solid {
+        bodies_inside_out: found.bodies_inside_out.filter(|_| config.kernel.orient && !has_walls),
+        ..found
+    };
     let met = (largest.is_none() || found.open_edges == 0)
         && (largest.is_none() || !refuses || is_manifold)
         && (!config.kernel.orient || found.inconsistent_edges == 0)
+        && found.bodies_inside_out.unwrap_or(0) == 0
         && (!refuses || found.self_intersections == 0);
     Ok(Solid { met, ..found })
 }

@@ -151,6 +151,22 @@ fn for_print_stands_for_its_options() {
 }
 
 #[test]
+fn a_body_inside_out_is_turned_in_one_cell_and_said_in_many() {
+    let at = &scratch();
+    let mut mesh = meshes::torus(80, 50, |_, _| 0.3);
+    if volume(&mesh) > 0.0 {
+        mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    }
+    write_ply(&at.join("in.ply"), Scalar::F64, &mesh.positions, &mesh.triangles);
+    let command = "simplify in.ply o.ply --ratio 100% --orient --force --report r.json";
+    expect(at, command, 0);
+    assert_eq!(count(&report(at)["solid"], "bodies_inside_out"), 0);
+    let said = expect(at, &format!("{command} --cell-triangles 1000"), 3);
+    assert!(said.contains("1 closed bodies inside out"), "{said}");
+    assert_eq!(report(at)["solid"]["met"], false);
+}
+
+#[test]
 fn what_is_left_is_said_and_ends_with_code_3() {
     // Two rings through each other.
     let at = &scratch();
