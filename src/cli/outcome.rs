@@ -198,6 +198,14 @@ pub(super) fn stage_line(stage: &StageReport) -> String {
 /// Explains a result that cannot stand for its input.
 fn unbearable_line(quality: &QualityReport) -> String {
     let QualityReport { error_per_edge, share_against, sensible_triangles, .. } = quality;
+    if let Some(kept) = quality.volume_kept.filter(|_| quality.is_volume_lost()) {
+        return format!(
+            "too few triangles for this scan: its closed bodies have {:.0} % of their volume; ask for at least {} triangles, or \
+             leave --for simulation, --placement and --method out",
+            100.0 * kept,
+            show_count(*sensible_triangles)
+        );
+    }
     format!(
         "too few triangles for this scan: the error (about {:.2e}) is {:.0} % of the mean edge and {:.1} % of the size \
          (the root of the area), {:.0} % of the surface faces the wrong way; ask for at least {} triangles",
@@ -218,6 +226,10 @@ fn fault_line(solid: &Solid) -> String {
         (solid.non_manifold_edges, "edges of three or more triangles".to_owned()),
         (solid.touching_vertices.unwrap_or(0), "vertices where sheets touch".to_owned()),
         (solid.inconsistent_edges, "edges whose triangles disagree".to_owned()),
+        (
+            solid.bodies_inside_out.unwrap_or(0),
+            "closed bodies inside out (turned where the result fits into one cell: give a larger --cell-triangles)".to_owned(),
+        ),
         (solid.self_intersections, "pairs of triangles that meet".to_owned()),
     ];
     let faults = faults.iter().filter(|(n, _)| *n > 0);

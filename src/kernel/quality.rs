@@ -6,8 +6,10 @@
 //!
 //! docs/algorithm.md, section 9.
 
+use crate::surface::class::Class;
 use crate::surface::{Ring, Surface};
 use crate::vertex::GONE;
+use stonecut_mesh::outward::{solid_volume, volume};
 use stonecut_mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub, triangle_distance_sq};
 
 /// Each probe stands for this many triangles, within `N_PROBES`.
@@ -37,6 +39,8 @@ pub struct Quality {
     pub n_edges: u64,
     /// Sum of their lengths, in units.
     pub edge_lengths: f64,
+    /// Volume of the given surface and of the result, in units^3; zeros where it is open, a part of one, or bounded.
+    pub volume: [f64; 2],
 }
 
 impl Quality {
@@ -47,6 +51,7 @@ impl Quality {
         self.area_against += other.area_against;
         self.n_edges += other.n_edges;
         self.edge_lengths += other.edge_lengths;
+        self.volume = [0, 1].map(|i| self.volume[i] + other.volume[i]);
         *self = self.bounded();
     }
 
@@ -69,6 +74,7 @@ impl Quality {
             area_against: finite(self.area_against),
             n_edges: self.n_edges,
             edge_lengths: finite(self.edge_lengths),
+            volume: self.volume.map(finite),
         }
     }
 
@@ -95,6 +101,23 @@ pub struct QualityAt {
     pub triangles: u64,
     /// As estimated then.
     pub quality: Quality,
+}
+
+/// Volume of a surface that is closed and manifold and no part of another; `None` for others.
+pub(crate) fn closed_volume(surface: &Surface) -> Option<f64> {
+    let is_inner = |ring: &Ring| ring.class.is_none_or(|class| class == Class::Interior);
+    surface.rings.iter().all(is_inner).then(|| solid_volume(corners(surface))).flatten()
+}
+
+/// Volume between the triangles of a surface.
+pub(crate) fn volume_of(surface: &Surface) -> f64 {
+    volume(corners(surface))
+}
+
+/// Corners of the triangles that are there.
+fn corners(surface: &Surface) -> impl Iterator<Item = [Vec3; 3]> + Clone {
+    let there = surface.triangles.iter().filter(|t| t[0] != GONE);
+    there.map(|t| t.map(|v| surface.vertices[v as usize].position))
 }
 
 /// With fewer edges among those that were looked at, all are.

@@ -8,7 +8,7 @@ use crate::fit::samples::Samples;
 use crate::followed::Followed;
 use crate::history::History;
 use crate::options::{FitGoal, MAX_TRIANGLES, MAX_VERTICES, Options, Placement, Stop, Topology};
-use crate::quality::Probes;
+use crate::quality::{Probes, closed_volume, volume_of};
 use crate::repair;
 use crate::repair::clean::MayBeFlat;
 use crate::schedule::driver::Driver;
@@ -108,6 +108,9 @@ pub(crate) fn start(
     driver.collapser.may_go_along = driver.history.is_none();
     if options.estimate {
         driver.probes = Some(Probes::take(&driver.state.surface));
+        // Within a bound the user has said what may go.
+        driver.volume =
+            options.bound.is_none().then(|| closed_volume(&driver.state.surface)).flatten();
     }
     if let Some(goal) = goal(options, driver.state.surface.n_alive) {
         driver.samples = Some(Samples::take(&driver.state.surface, goal, &original.relief));
@@ -204,7 +207,11 @@ pub(crate) fn finish(
     }
     if let Some(mut probes) = driver.probes.take() {
         let removed_error = driver.changes.removed_error;
-        statistics.quality = Some(probes.sum_up(&driver.state.surface, removed_error, 1));
+        let mut quality = probes.sum_up(&driver.state.surface, removed_error, 1);
+        if let Some(before) = driver.volume {
+            quality.volume = [before, volume_of(&driver.state.surface)];
+        }
+        statistics.quality = Some(quality);
         statistics.curve = std::mem::take(&mut driver.curve);
     }
     statistics.interrupted = driver.interrupt.is_raised();

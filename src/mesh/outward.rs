@@ -6,7 +6,7 @@
 use crate::Mesh;
 use crate::bounds::Bounds;
 use crate::union_find::Union;
-use crate::vec3::{Vec3, cross, dot, place_bits, sub};
+use crate::vec3::{Vec3, cross, dot, length_sq, place_bits, sub};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Turns bodies that are inside out and what is wrong within them; gives back the triangles that it turned, and how many bodies
@@ -35,6 +35,40 @@ pub fn turn_outward(mesh: &mut Mesh) -> (Vec<u32>, u64) {
         .collect();
     turned.iter().for_each(|&t| mesh.triangles[t as usize].swap(1, 2));
     (turned, is_turned.into_iter().filter(|turned| *turned).count() as u64)
+}
+
+/// Volume that closed sides of triangles enclose, cavities taken off; of some that are open it depends on their place.
+pub fn volume(triangles: impl Iterator<Item = [Vec3; 3]>) -> f64 {
+    let mut origin = None;
+    let six: f64 = triangles
+        .map(|corners| {
+            let origin = *origin.get_or_insert(corners[0]);
+            let [a, b, c] = corners.map(|corner| sub(corner, origin));
+            dot(a, cross(b, c))
+        })
+        .sum();
+    (six / 6.0).abs()
+}
+
+/// Least volume, over area to the power of 1.5, of more than two sheets on each other: a plate has it whose thickness is 3e-5 of its
+/// side, a ball 0.09.
+const LEAST_OF_AREA: f64 = 1e-5;
+
+/// The same, or `None` where the sides lie on each other.
+pub fn solid_volume(triangles: impl Iterator<Item = [Vec3; 3]> + Clone) -> Option<f64> {
+    let doubled: f64 =
+        triangles.clone().map(|[a, b, c]| length_sq(cross(sub(b, a), sub(c, a))).sqrt()).sum();
+    let volume = volume(triangles);
+    (volume > LEAST_OF_AREA * (0.5 * doubled).powf(1.5)).then_some(volume)
+}
+
+/// Volume of a mesh without an open side; `None` for others.
+pub fn closed_volume(mesh: &Mesh) -> Option<f64> {
+    let open = open_sides(&mesh.triangles, |v| v, mesh.positions.len());
+    if open.iter().any(|&open| open != 0) {
+        return None;
+    }
+    solid_volume((0..mesh.triangles.len()).map(|t| mesh.corners(t)))
 }
 
 /// No body.
@@ -213,6 +247,17 @@ mod tests {
         let signs: Vec<f64> = volumes(&mesh).into_iter().map(f64::signum).collect();
         assert_eq!(signs, [1.0, -1.0, 1.0, 1.0, 1.0, -1.0, 1.0, -1.0]);
         assert_eq!(turn_outward(&mut mesh), (Vec::new(), 0));
+    }
+
+    #[test]
+    fn a_volume_is_that_of_what_is_closed_and_not_flat() {
+        let mut mesh = Mesh::default();
+        add_cube(&mut mesh, [1e6; 3], 1.0, -1.0);
+        assert_eq!(closed_volume(&mesh), Some(8.0));
+        mesh.positions.iter_mut().for_each(|p| p[2] = 0.0);
+        assert_eq!(closed_volume(&mesh), None);
+        mesh.triangles.pop();
+        assert_eq!(closed_volume(&mesh), None);
     }
 
     #[test]

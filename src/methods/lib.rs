@@ -43,6 +43,8 @@ pub struct Made {
     pub faults: BTreeMap<String, u64>,
     /// The box of all vertices of the input.
     pub bounds: Bounds,
+    /// Volume of the input, if it is closed and was in memory.
+    pub input_volume: Option<f64>,
     /// Vertices added where sheets shared one, if the mesh was taken apart.
     pub copied_vertices: Option<u64>,
     /// Its part of the report.

@@ -411,6 +411,8 @@ pub enum StopReason {
     NoGrid,
     /// Every vertex that is left has to stay.
     NothingRemovable,
+    /// Most of the surface is gone, since its walls are thinner than the triangles.
+    Collapsed,
 }
 
 impl StopReason {
@@ -434,6 +436,9 @@ impl std::fmt::Display for StopReason {
             StopReason::Grid => "the grid",
             StopReason::NoGrid => "no grid of ten was coarse enough",
             StopReason::NothingRemovable => "no vertex is left that can be removed",
+            StopReason::Collapsed => {
+                "parts thinner than the triangles have collapsed; ask for more triangles, or take --method collapse"
+            }
         })
     }
 }

@@ -40,9 +40,10 @@ fn triangles_are_even_and_meet_the_count_on_a_surface_that_stays_one() {
 fn tubes_thinner_than_an_edge_come_apart() {
     let at = &scratch();
     expect(at, "synth gyroid in.ply --triangles 60k", 0);
-    for target in [1_000, 300] {
+    // Of 300, a fifth of the volume is lost.
+    for (target, code) in [(1_000, 0), (300, 3)] {
         let options = format!("--triangles {target} --force --report r.json");
-        expect(at, &format!("simplify in.ply out.ply --method retile {options}"), 0);
+        expect(at, &format!("simplify in.ply out.ply --method retile {options}"), code);
         let (info, report) = (check(at, "out.ply"), report(at));
         assert_eq!(count(&info, "non_manifold_edges"), 0, "{target}");
         assert!(count(&info, "triangles") > target / 2, "{target}: {info}");

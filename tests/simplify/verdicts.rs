@@ -1,6 +1,6 @@
 //! Verdicts on results: a clean one is never called short, a ruin always is.
 
-use crate::common::meshes::halves;
+use crate::common::meshes::{halves, torus};
 use crate::common::{expect, report, run, scratch, write_ply};
 use stonecut::mesh::property::Scalar;
 
@@ -20,6 +20,30 @@ fn a_fan_of_very_many_triangles_to_half_is_what_was_asked_for() {
     let quality = &report(folder.path())["quality"];
     assert_eq!(quality["bearable"], true, "{quality}");
     assert!(quality["rms_estimate"].as_f64().unwrap() < 1e-5, "{quality}");
+}
+
+/// A thin ring, of which whatever takes places on chords or of the input makes a thinner one.
+#[test]
+fn volume_that_is_lost_is_said() {
+    let at = &scratch();
+    let ring = torus(200, 16, |_, _| 0.05);
+    write_ply(&at.join("in.ply"), Scalar::F64, &ring.positions, &ring.triangles);
+    let command = "simplify in.ply o.ply --triangles 150 --force --report r.json";
+    expect(at, command, 0);
+    assert!(report(at)["quality"]["volume_kept"].as_f64().unwrap() > 0.9);
+    for options in ["--for simulation", "--method decimate"] {
+        let said = expect(at, &format!("{command} {options}"), 3);
+        assert!(said.contains("% of their volume; ask for at least"), "{options}: {said}");
+        let quality = &report(at)["quality"];
+        assert!(quality["volume_kept"].as_f64().unwrap() < 0.85, "{options}: {quality}");
+        assert_eq!(quality["bearable"], false, "{options}");
+    }
+    // Clusters reach around the ring: hardly a triangle is between three of them.
+    let said = [115, 105, 95, 40].map(|n| {
+        let command = format!("simplify in.ply o.ply --triangles {n} --method retile --force");
+        expect(at, &command, 3)
+    });
+    assert!(said.iter().any(|said| said.contains("triangles: parts thinner")), "{said:?}");
 }
 
 #[test]

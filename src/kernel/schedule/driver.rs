@@ -72,6 +72,8 @@ pub(crate) struct Driver {
     pub(crate) samples: Option<Samples>,
     /// Probes that the quality of the result is estimated from.
     pub(crate) probes: Option<Probes>,
+    /// Volume of the input, if it is closed and the quality is estimated.
+    pub(crate) volume: Option<f64>,
     /// Present places of the vertices of the input, if they are asked for.
     pub(crate) followed: Option<Followed>,
     /// Every step, if they are recorded.
@@ -210,6 +212,7 @@ impl Driver {
             reach_channel: None,
             samples: None,
             probes: None,
+            volume: None,
             followed: None,
             history: None,
             curve: Vec::new(),

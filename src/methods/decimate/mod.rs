@@ -16,8 +16,10 @@ use fill::{Refusal, fill};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use stonecut_io::ply::MeshSource;
+use stonecut_mesh::Mesh;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::codec::VertexCodec;
+use stonecut_mesh::outward::closed_volume;
 use stonecut_mesh::vec3::triangle_distance_sq;
 use stonecut_system::error::{Error, Result};
 use stonecut_system::progress::Progress;
@@ -63,7 +65,9 @@ pub fn decimate(source: &MeshSource, settings: Settings, progress: &Progress) ->
     Bounds::around(&positions)
         .hold("--method decimate", [1e-100, 1e50])
         .map_err(|what| Error::bad_input(source.path(), what))?;
-    let surface = Surface::new(positions, triangles);
+    let given = Mesh::new(positions, triangles);
+    let input_volume = closed_volume(&given);
+    let surface = Surface::new(given.positions, given.triangles);
     let mut run = Run::new(surface, settings);
     run.drain(false, progress)?;
     let before_corners = run.n_removed();
@@ -71,7 +75,7 @@ pub fn decimate(source: &MeshSource, settings: Settings, progress: &Progress) ->
         run.drain(true, progress)?;
     }
     let mut made = made(source, settings.codec, &run, progress)?;
-    made.faults = faults;
+    (made.faults, made.input_volume) = (faults, input_volume);
     let removed_beyond_features = run.n_removed() - before_corners;
     made.bounds = Bounds::around(&run.surface.positions);
     let report = DecimationReport { removed_beyond_features, ..run.report };

@@ -26,6 +26,7 @@ use stonecut_mesh::Mesh;
 use stonecut_mesh::blend::of_ends;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::codec::VertexCodec;
+use stonecut_mesh::outward::closed_volume;
 use stonecut_mesh::vec3::{Vec3, length_sq, sub};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::progress::Progress;
@@ -80,6 +81,9 @@ pub fn retile(source: &MeshSource, settings: Settings, progress: &Progress) -> R
     }
     progress.begin("retile", 1, 2, source.n_triangles());
     let LoadedMesh { positions, triangles, faults } = load(source, progress)?;
+    let given = Mesh::new(positions, triangles);
+    let input_volume = closed_volume(&given);
+    let Mesh { positions, triangles, .. } = given;
     let bounds = Bounds::around(&positions);
     bounds
         .hold("--method retile", [1e-100, 1e36])
@@ -124,7 +128,7 @@ pub fn retile(source: &MeshSource, settings: Settings, progress: &Progress) -> R
     let mut made = made(source, &surface, n_given, &clusters, &dual, settings.codec, progress)?;
     made.take_apart();
     let (angles, edges) = shapes(&made.mesh);
-    (made.faults, made.bounds) = (faults, bounds);
+    (made.faults, made.bounds, made.input_volume) = (faults, bounds, input_volume);
     made.report = MethodReport::Retiling(RetilingReport {
         angles,
         edges,

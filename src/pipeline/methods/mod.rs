@@ -18,6 +18,7 @@ use crate::io::materials::{MapKind, Materials};
 use crate::io::ply::{MeshSource, type_name};
 use crate::io::{check_range, find_texture};
 use crate::mesh::face_properties::FacePolicy;
+use crate::mesh::outward::volume;
 use crate::mesh::vec3::{length_sq, sub};
 use crate::methods::cluster::{self, Survey, Wanted};
 use crate::methods::{GridReport, Made, MethodReport};
@@ -32,6 +33,9 @@ pub use plan::MethodPlan;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
+
+/// A re-tiling that leaves less than one over this of the triangles wanted has collapsed where walls are thinner than them.
+const LEAST_OF_TARGET: u64 = 2;
 
 /// Steps that progress counts: the method and the writing.
 const N_STEPS: u32 = 2;
@@ -231,13 +235,21 @@ fn nothing_left(config: &Config, made: &Made) -> Error {
 fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) -> RunReport {
     let n_out = made.mesh.triangles.len() as u64;
     let is_grid = matches!(config.target, Target::CellSize(_));
-    let target_met = is_grid || n_out <= plan.target;
+    let collapsed =
+        matches!(config.method, Method::Retile { .. }) && LEAST_OF_TARGET * n_out < plan.target;
+    let target_met = is_grid || n_out <= plan.target && !collapsed;
     let found = source.faults();
     let mut faults = made.faults.clone();
     *faults.entry("bad_faces".to_owned()).or_default() += found.bad_faces;
     faults.insert("bad_vertices".to_owned(), found.bad_vertices);
     faults.insert("missing_faces".to_owned(), found.missing_faces);
     faults.insert("missing_vertices".to_owned(), found.missing_vertices);
+    let mesh = &made.mesh;
+    let after =
+        made.input_volume.map(|_| volume((0..mesh.triangles.len()).map(|t| mesh.corners(t))));
+    let asked = (plan.target.max(n_out), source.n_triangles());
+    let quality = QualityReport::of_volumes(mean_edge(made), asked, [made.input_volume, after]);
+    let bearable = quality.bearable;
     let mut report = RunReport {
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -250,12 +262,13 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
             vertices: made.mesh.positions.len() as u64,
             triangles: n_out,
         },
-        quality: QualityReport { mean_edge: mean_edge(made), ..QualityReport::default() },
+        quality,
         target: if is_grid { n_out } else { plan.target },
         target_met,
         stop_reason: match (is_grid, target_met, config.method) {
             (true, ..) => StopReason::Grid,
-            (_, true, _) => StopReason::Target,
+            (_, true, _) => StopReason::of(true, bearable),
+            (_, false, _) if collapsed => StopReason::Collapsed,
             (_, false, Method::Cluster { .. }) => StopReason::NoGrid,
             (_, false, _) => StopReason::NothingRemovable,
         }
