@@ -26,7 +26,8 @@ fn the_result_stays_within_the_bound_and_goes_far() {
         let mut before = i64::MAX;
         for share in [1e-4, 1e-3, 1e-2] {
             let bound = share * diagonal;
-            for cells in ["", "--cell-triangles 1000"] {
+            let in_cells = (share == 1e-3).then_some("--cell-triangles 1000");
+            for cells in std::iter::once("").chain(in_cells) {
                 let command = format!("simplify in.ply out.ply --max-error {bound} {cells}");
                 expect(at, &format!("{command} --force --report r.json"), 0);
                 let max = measured(at, "in.ply", "out.ply");

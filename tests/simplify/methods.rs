@@ -26,8 +26,8 @@ fn flat(n: u32) -> String {
 fn clusters_meet_the_target_and_stay_near_the_surface() {
     let at = &scratch();
     for kind in ["statue", "terrain", "gyroid", "scans"] {
-        expect(at, &format!("synth {kind} in.ply --triangles 120k --force"), 0);
-        for target in [30_000, 6_000, 600] {
+        expect(at, &format!("synth {kind} in.ply --triangles 60k --force"), 0);
+        for target in [15_000, 3_000, 300] {
             let options = format!("--triangles {target} --force --report r.json");
             expect(at, &format!("simplify in.ply out.ply --method cluster {options}"), 0);
             let info = check(at, "out.ply");
@@ -45,8 +45,8 @@ fn clusters_meet_the_target_and_stay_near_the_surface() {
             let cell = report["grid"]["cell_size"].as_f64().unwrap();
             assert!(rms(at, "in.ply", "out.ply") < 0.5 * cell, "{kind} at {target}");
         }
-        expect(at, "simplify in.ply best.ply --triangles 6k --force", 0);
-        expect(at, "simplify in.ply out.ply --method cluster --triangles 6k --force", 0);
+        expect(at, "simplify in.ply best.ply --triangles 3k --force", 0);
+        expect(at, "simplify in.ply out.ply --method cluster --triangles 3k --force", 0);
         let (best, found) = (rms(at, "in.ply", "best.ply"), rms(at, "in.ply", "out.ply"));
         assert!(found < 6.0 * best && found > best, "{kind}: {found} against {best}");
     }
@@ -305,12 +305,12 @@ fn rows(path: &Path) -> Vec<[u8; 12]> {
 fn decimation_meets_the_count_keeps_vertices_and_the_topology() {
     let at = &scratch();
     for kind in ["statue", "terrain", "gyroid"] {
-        expect(at, &format!("synth {kind} in.ply --triangles 60k --force"), 0);
+        expect(at, &format!("synth {kind} in.ply --triangles 30k --force"), 0);
         let before = check(at, "in.ply");
         let known: std::collections::HashSet<[u8; 12]> =
             rows(&at.join("in.ply")).into_iter().collect();
         let mut errors = Vec::new();
-        for target in [20_000, 8_000] {
+        for target in [10_000, 4_000] {
             let options = format!("--triangles {target} --force --report r.json");
             expect(at, &format!("simplify in.ply out.ply --method decimate {options}"), 0);
             let after = check(at, "out.ply");
@@ -396,13 +396,13 @@ fn decimation_keeps_creases_refuses_what_does_not_fit_and_carries_attributes() {
 #[test]
 fn methods_are_compared_on_one_page() {
     let at = &scratch();
-    expect(at, "synth statue in.ply --triangles 20k", 0);
+    expect(at, "synth statue in.ply --triangles 8k", 0);
     let said = expect(
         at,
-        "compare collapse,cluster,decimate in.ply --triangles 2k -o page.html --samples 20k",
+        "compare collapse,cluster,decimate in.ply --triangles 1k -o page.html --samples 5k",
         0,
     );
-    assert!(said.contains("decimate: 2000 triangles"), "{said}");
+    assert!(said.contains("decimate: 1000 triangles"), "{said}");
     let page = std::fs::read_to_string(at.join("page.html")).unwrap();
     for word in [
         "collapse",
@@ -421,15 +421,15 @@ fn methods_are_compared_on_one_page() {
         !page.contains("http:") && !page.contains("https:") && page.contains("width=device-width")
     );
     assert_eq!(std::fs::read_dir(at).unwrap().count(), 2);
-    let said = expect(at, "compare collapse in.ply --triangles 2k -o page.html", 2);
+    let said = expect(at, "compare collapse in.ply --triangles 1k -o page.html", 2);
     assert!(said.contains("--force"), "{said}");
-    expect(at, "compare tessellate in.ply --triangles 2k -o other.html", 2);
+    expect(at, "compare tessellate in.ply --triangles 1k -o other.html", 2);
     let said =
         expect(at, "compare decimate,cluster in.ply --ratio 5% -o other.html --memory 1MiB", 6);
     assert!(said.contains("a picture of 800x600") && !at.join("other.html").exists(), "{said}");
     assert_eq!(std::fs::read_dir(at).unwrap().count(), 2);
     // A method without a result does not end the others.
-    let words = "compare cluster,decimate in.ply --triangles 4 -o some.html --samples 20k";
+    let words = "compare cluster,decimate in.ply --triangles 4 -o some.html --samples 5k";
     let said = expect(at, words, 0);
     assert!(said.contains("no result") && said.contains("decimate: 4 triangles"), "{said}");
     let page = std::fs::read_to_string(at.join("some.html")).unwrap();
