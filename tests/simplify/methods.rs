@@ -337,7 +337,7 @@ fn decimation_meets_the_count_keeps_vertices_and_the_topology() {
         }
         expect(
             at,
-            "simplify in.ply best.ply --triangles 8k --placement subset --topology keep --force",
+            "simplify in.ply best.ply --triangles 4k --placement subset --topology keep --force",
             0,
         );
         let best = rms(at, "in.ply", "best.ply");
