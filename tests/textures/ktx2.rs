@@ -112,7 +112,7 @@ fn square(folder: &Path, image: &[u8]) {
 
 /// Colours of the left and the right half of a picture of a mesh from above.
 fn halves(folder: &Path, mesh: &str) -> [[u8; 3]; 2] {
-    let arguments = format!("render {mesh} -o p.png --view top --unlit --size 64x64 --force");
+    let arguments = format!("render {mesh} -o p.png --view front --unlit --size 64x64 --force");
     expect(folder, &arguments, 0);
     let picture = image::open(folder.join("p.png")).unwrap().to_rgb8();
     [24, 40].map(|x| picture.get_pixel(x, 32).0)
@@ -147,7 +147,7 @@ fn damaged_images_are_named() {
     let whole = converted(&basis(BasisTextureFormat::ETC1S), true, false);
     for n in [60, 110, whole.len() - 20] {
         square(folder, &whole[..n]);
-        let arguments = "render in.gltf -o p.png --view top --unlit --size 32x32 --force";
+        let arguments = "render in.gltf -o p.png --view front --unlit --size 32x32 --force";
         let said = expect(folder, arguments, 3);
         assert!(said.contains("a.ktx2"), "{n}: {said}");
     }
@@ -157,7 +157,7 @@ fn damaged_images_are_named() {
         let mut spoiled = whole.clone();
         spoiled[at] = byte;
         square(folder, &spoiled);
-        let arguments = "render in.gltf -o p.png --view top --unlit --size 32x32 --force";
+        let arguments = "render in.gltf -o p.png --view front --unlit --size 32x32 --force";
         let said = expect(folder, arguments, if is_read { 0 } else { 3 });
         assert!(!said.contains("fault"), "{at}: {said}");
     }
@@ -208,7 +208,8 @@ fn waves(folder: &Path, has_holes: bool) {
 /// Mean squared difference of two pictures, in dB.
 fn psnr(folder: &Path, meshes: [&str; 2]) -> f64 {
     let picture = |mesh: &str| {
-        let arguments = format!("render {mesh} -o p.png --view top --unlit --size 160x160 --force");
+        let arguments =
+            format!("render {mesh} -o p.png --view front --unlit --size 160x160 --force");
         expect(folder, &arguments, 0);
         image::open(folder.join("p.png")).unwrap().to_rgb8().into_raw()
     };

@@ -71,8 +71,7 @@ fn two_quads(folder: &Path) {
 }
 
 fn picture(folder: &Path, arguments: &str) -> RgbImage {
-    let said =
-        expect(folder, &format!("render {arguments} -o p.png --view top --unlit --force"), 0);
+    let said = expect(folder, &format!("render {arguments} -o p.png --unlit --force"), 0);
     assert!(!said.contains("warning"), "{said}");
     image::open(folder.join("p.png")).unwrap().into_rgb8()
 }
@@ -84,8 +83,10 @@ fn opacity_means_nothing_in_gltf_that_does_not_name_it() {
     // Large, and so small that an image of few texels is looked up.
     for size in [200, 16] {
         for (middle, right) in [(0.0, Rgb([0, 90, 200])), (3.0, BACKGROUND)] {
-            let seen =
-                picture(folder, &format!("quads.gltf --zoom {middle},0,0,1 --size {size}x{size}"));
+            let seen = picture(
+                folder,
+                &format!("quads.gltf --view front --zoom {middle},0,0,1 --size {size}x{size}"),
+            );
             let at = |share: f64| *seen.get_pixel((f64::from(size) * share) as u32, size / 2);
             assert_eq!(at(0.25), Rgb([20, 60, 10]), "{middle} {size}");
             assert_eq!(at(0.75), right, "{middle} {size}");
@@ -126,7 +127,7 @@ fn a_new_texture_of_opaque_materials_is_opaque() {
     expect(folder, "simplify sheet.glb out.obj --ratio 20% --texture bake -q", 0);
     let page = image::open(folder.join("out_textures/out_0.png")).unwrap();
     assert!(!page.color().has_alpha(), "{:?}", page.color());
-    let seen = picture(folder, "out.obj --zoom 0.5,0.5,0,0.5 --size 100x100");
+    let seen = picture(folder, "out.obj --view top --zoom 0.5,0.5,0,0.5 --size 100x100");
     for x in [30, 50, 70] {
         assert_eq!(*seen.get_pixel(x, 50), Rgb([0, 90, 200]), "at {x}");
     }
