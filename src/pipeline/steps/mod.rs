@@ -77,7 +77,7 @@ pub(super) enum Left {
     /// Cells of the input.
     Cells(StoreInfo),
     /// Survivors of a round, or the result of the level before in a chain.
-    Survivors(SurvivorInfo),
+    Survivors(Box<SurvivorInfo>),
 }
 
 impl Left {

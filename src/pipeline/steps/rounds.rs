@@ -37,10 +37,12 @@ impl SimplifyRun<'_> {
         let next = self.next_round(left.triangles());
         Ok(match (next, left) {
             (NextStep::Finish, left) => RunStep::Finish(left),
-            (NextStep::Done, Left::Survivors(result)) => RunStep::Write { result, from: None },
+            (NextStep::Done, Left::Survivors(result)) => {
+                RunStep::Write { result: *result, from: None }
+            }
             (NextStep::Done, Left::Cells(_)) => unreachable!("without a finish there was a round"),
             (_, Left::Cells(cells)) => RunStep::Simplify(cells, next),
-            (_, Left::Survivors(survivors)) => RunStep::Stitch(survivors, next),
+            (_, Left::Survivors(survivors)) => RunStep::Stitch(*survivors, next),
         })
     }
 
@@ -118,7 +120,7 @@ impl SimplifyRun<'_> {
         if self.config.job.until == Some(Until::Simplify) && self.rounds_done == 1 {
             return Ok(RunStep::End(Ended::Early));
         }
-        self.next(Left::Survivors(left))
+        self.next(Left::Survivors(Box::new(left)))
     }
 
     /// Cuts survivors into new cells; their pack is removed.
@@ -174,7 +176,8 @@ impl SimplifyRun<'_> {
                 let (disk, folder) = (run.disk(), run.job.folder());
                 match &left {
                     Left::Survivors(left) => {
-                        let left = SurvivorPack::open(disk, folder, left.clone(), layout.clone())?;
+                        let left =
+                            SurvivorPack::open(disk, folder, (**left).clone(), layout.clone())?;
                         let parts = Parts {
                             cells: &left.info().cells,
                             layout: &layout,

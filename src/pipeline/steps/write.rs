@@ -50,7 +50,7 @@ impl SimplifyRun<'_> {
         if self.level == self.config.coarser.len() {
             return self.conclude();
         }
-        self.begin_level(self.level + 1, kept.unwrap_or(Left::Survivors(result)))
+        self.begin_level(self.level + 1, kept.unwrap_or_else(|| Left::Survivors(Box::new(result))))
     }
 
     /// Sums up, verifies if that was asked for, and gives up the job folder.
