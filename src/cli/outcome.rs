@@ -146,7 +146,7 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     let share = report.output.triangles as f64 / report.target.max(1) as f64;
     if report.rounds > 0 && report.max_error.is_none() && share < FEWER_ARE_SAID {
         log.say(format!(
-            "{:.0} % fewer triangles than asked for, since the cells of this mesh fall unevenly; larger --cell-triangles meet the count",
+            "{:.0} % fewer triangles than asked for; larger --cell-triangles come nearer to the count",
             100.0 * (1.0 - share)
         ));
     }

@@ -27,7 +27,7 @@ const PILOT_START: f64 = 1e-4;
 const PILOT_STEP: f64 = 2.0;
 const PILOT_LEVELS: i32 = 80;
 
-/// A rung that leaves less than this share of what was there before is too steep to meet a goal on it. Scans leave 0.7 and more.
+/// A rung that leaves less than this share of what was there before is too steep to meet a goal on it. No scan that was tried has one at its goal.
 const STEEP_SHARE: f64 = 0.6;
 
 /// A cell on its way down takes one level for each fall of the count by this factor: levels so far apart cost
