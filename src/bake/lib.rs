@@ -55,9 +55,11 @@ use stonecut_system::error::{Error, Result};
 use stonecut_system::memory::BASE_BYTES;
 use stonecut_system::units::{memory_word, show_bytes};
 use texels::Canvases;
-pub use tiles::{Photographs, TilePainter, TilePicture, TilesNeed, check_tiles, least_for_tiles};
+pub use tiles::{
+    IN_TEXTURE, Photographs, TilePainter, TilePicture, TilesNeed, check_tiles, least_for_tiles,
+};
 pub use vertex_colours::{
-    Coloured, colour_properties, colour_vertices, has_only_images, least_for_colours,
+    Coloured, colour_vertices, coloured_schema, colours_vertices, least_for_colours,
 };
 
 /// Work of filling a texel, in that of making it a part of an image.
@@ -127,11 +129,10 @@ pub fn bake(
     }
     // Cutting the original is an eighth of the work, about; what is left is told once there are charts.
     progress.count_from_zero(8 * original.n_triangles());
-    let hides = original.images_hide_colours();
     let mut original =
         Original::cut(original, &palette, options, Means { memory_bytes: free_bytes, ..means })?;
-    if !hides && original.tints_images {
-        original.part_colours(options.colours_multiply);
+    if options.colours_multiply {
+        original.leave_tints();
     }
     let free_bytes = free_bytes.saturating_sub(original.border_bytes());
     let (largest, share) = (original.largest_cell_bytes(), free_bytes / CELL_SHARE);

@@ -53,7 +53,7 @@ pub(super) struct Original {
     n_lost: u64,
     /// True if images are seen through colours of vertices other than white.
     pub tints_images: bool,
-    /// True if the looks of these have both.
+    /// True if images are seen through the colours of vertices, as glTF has it; otherwise they hide these.
     pub is_seen_through: bool,
 }
 
@@ -164,6 +164,7 @@ impl Original {
             disk: means.disk.clone(),
             ..StageOptions::new(means.temp_dir)
         };
+        let is_seen_through = !source.images_hide_colours();
         let source = faces_to_vertices(source, carry, &stage)?;
         let schema = source.schema().clone();
         let carried = Carried::of(&schema);
@@ -209,7 +210,7 @@ impl Original {
             of_images: ImageDensities::default(),
             n_lost: 0,
             tints_images: false,
-            is_seen_through: false,
+            is_seen_through,
         };
         original.survey(palette, means)?;
         Ok(original)
@@ -439,10 +440,9 @@ impl Original {
         !mesh.triangles[t].iter().all(|&v| is_white(v))
     }
 
-    /// Leaves the colours of vertices that images are seen through to viewers, with all others (`stay`), or multiplies the two.
-    pub fn part_colours(&mut self, stay: bool) {
-        self.colours = self.colours.filter(|_| !stay);
-        self.is_seen_through = !stay;
+    /// Leaves the colours of vertices to viewers if images are seen through some of them.
+    pub fn leave_tints(&mut self) {
+        self.colours = self.colours.filter(|_| !(self.is_seen_through && self.tints_images));
     }
 
     /// True if pages hold all colours of vertices: no image is seen through them, or they are a part of it.

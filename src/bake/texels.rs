@@ -470,7 +470,7 @@ fn plain_lights(scene: &Scene, hits: &[Hit], lights: &mut Vec<Light>) {
         let paint = scene.palette.paints.get(hit.material as usize);
         let factor = paint.map_or([1.0; 4], |paint| paint.factor);
         let has_image = paint.is_some_and(|paint| paint.base.is_some());
-        let is_seen_through = has_image && scene.original.is_seen_through;
+        let is_seen_through = scene.original.is_seen_through;
         if (has_image && !is_seen_through) || !scene.original.has_colours() {
             return times_opacity(factor);
         }

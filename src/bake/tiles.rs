@@ -26,6 +26,9 @@ use stonecut_system::losses::{Ledger, Loss, LossKind};
 use stonecut_system::parallel::in_order;
 use stonecut_system::units::show_bytes;
 
+/// The place of colours that pages hold.
+pub const IN_TEXTURE: &str = "in the new texture, no longer at the vertices";
+
 /// Texels of a side of a page at most: what every graphics card takes.
 const MOST_SIDE: u32 = 4096;
 
@@ -223,9 +226,13 @@ impl TilePainter<'_> {
         let mut losses = self.from.original.losses(&self.from.palette);
         losses.merge(&self.images.losses());
         if self.from.original.tints_images {
-            let (what, why) =
-                ("colours of vertices under images", "not carried by tiles with images");
-            losses.lose(Loss::new(LossKind::Colors, what, why));
+            let loss = |what: &str, why: &str| Loss::new(LossKind::Colors, what, why);
+            losses.lose(match self.from.original.is_seen_through {
+                true => loss("colours of vertices", IN_TEXTURE).notice(),
+                false => {
+                    loss("colours of vertices under images", "not carried by tiles with images")
+                }
+            });
         }
         losses
     }

@@ -1,6 +1,6 @@
 //! Colours of vertices out of the input's images, for outputs that have colours but no images.
 //!
-//! A vertex gets the mean of what its corners show, in linear light, weighted by opacity: the part of the image that reaches
+//! A vertex gets the mean of what its corners show, in linear light, weighted by opacity (times its own colour, in formats that multiply the two): the part of the image that reaches
 //! halfway along the edges of each triangle. Sums of as many vertices as the memory holds are kept at a time;
 //! the faces are read once for each such window. Bytes depend neither on memory nor on threads.
 
@@ -9,7 +9,9 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
 use stonecut_io::ply::{FaceBlock, FaceLooks, MeshSource, OutputHeader, PlyWriter, VertexBlock};
+use stonecut_mesh::colours::ColourPlace;
 use stonecut_mesh::property::{Property, Scalar};
+use stonecut_mesh::record::VertexSchema;
 use stonecut_render::texture::{
     ImageCache, Light, Palette, Purpose, Spot, apart, multiply, pixel_of, times_opacity,
 };
@@ -40,17 +42,26 @@ pub struct Coloured {
     pub bad_faces: u64,
 }
 
-/// True if vertices can get colours out of images, and there are none yet.
-pub fn has_only_images(source: &MeshSource) -> bool {
+/// True if vertices can get colours out of images: they have none yet, or their own multiply those of images.
+pub fn colours_vertices(source: &MeshSource) -> bool {
     let has_colour = source.schema().properties.iter().any(|p| p.name == COLOUR[0]);
-    !has_colour
+    let multiplies = !source.images_hide_colours() && own_colour(source).is_some();
+    (!has_colour || multiplies)
         && source.has_corner_texture()
         && source.materials().is_some_and(|m| !m.images.is_empty())
 }
 
-/// The properties that `colour_vertices` adds.
-pub fn colour_properties() -> [Property; 3] {
-    COLOUR.map(|name| Property::new(name, Scalar::U8))
+fn own_colour(source: &MeshSource) -> Option<ColourPlace> {
+    ColourPlace::find(source.schema()).filter(|colour| colour.names() == COLOUR)
+}
+
+/// The properties of vertices after `colour_vertices`.
+pub fn coloured_schema(source: &MeshSource) -> VertexSchema {
+    let mut schema = source.schema().clone();
+    if own_colour(source).is_none() {
+        schema.properties.extend(COLOUR.map(|name| Property::new(name, Scalar::U8)));
+    }
+    schema
 }
 
 /// Memory without which vertices get no colours, beside `BASE_BYTES`.
@@ -93,8 +104,7 @@ fn in_windows(
     window: u64,
 ) -> Result<Coloured> {
     let n_vertices = source.n_vertices();
-    let mut schema = source.schema().clone();
-    schema.properties.extend(colour_properties());
+    let (schema, own) = (coloured_schema(source), own_colour(source));
     let mut coloured = Coloured::default();
     let mut writer = None;
     let mut first = 0;
@@ -137,9 +147,21 @@ fn in_windows(
             for (i, record) in
                 vertices.records[from * bytes..][..n * bytes].chunks_exact(bytes).enumerate()
             {
+                let at = records.len();
                 records.extend_from_slice(record);
-                let [r, g, b, opacity] = pixel_of(painter.sums[(next - first) as usize + i]);
-                records.extend_from_slice(&if opacity > 0 { [r, g, b] } else { NONE });
+                let mut light = painter.sums[(next - first) as usize + i];
+                if let Some(own) = own {
+                    let [r, g, b] = own.bytes(record);
+                    let of_own = cache.table.of([r, g, b, 255]);
+                    (0..3).for_each(|k| light[k] *= of_own[k]);
+                }
+                let [r, g, b, opacity] = pixel_of(light);
+                match (own, opacity > 0) {
+                    (Some(own), true) => own.put_bytes([r, g, b], &mut records[at..]),
+                    (Some(_), false) => {}
+                    (None, true) => records.extend([r, g, b]),
+                    (None, false) => records.extend(NONE),
+                }
             }
             writer.write_vertices(&records)?;
             next += n as u64;
@@ -235,7 +257,7 @@ mod tests {
         let pixel = |x: u32, y: u32| image::Rgb([40 * x as u8, 60 * y as u8, 7]);
         image::RgbImage::from_fn(4, 4, pixel).save(folder.path().join("t.png")).unwrap();
         let source = MeshSource::open(&folder.path().join("in.ply")).unwrap();
-        assert!(has_only_images(&source));
+        assert!(colours_vertices(&source));
         let (disk, progress) = (Disk::default(), Progress::default());
         let coloured = |window: u64| {
             let means = Means {

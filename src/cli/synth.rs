@@ -45,8 +45,8 @@ pub struct Args {
     pub sea: bool,
     /// rooms: largest number of texture images, written beside OUTPUT [default: one for 25k triangles, at most 1000].
     ///
-    /// PLY names them in its comments (texcoord and texnumber at faces), OBJ by a material library; STL and GLB
-    /// carry no textures and get none.
+    /// PLY names them in its comments (texcoord and texnumber at faces), OBJ by a material library; STL and GLB get
+    /// none.
     #[arg(long, value_name = "N", value_parser = parse_count)]
     pub pages: Option<u64>,
     /// Cut the scan into about N files of equal size in the folder OUTPUT, each with its own copies of vertices on borders, as
@@ -114,7 +114,7 @@ fn say(args: &Args, counts: &synth::Counts, log: &mut Said) {
         show_bytes(bytes),
         match counts.n_images {
             0 if args.kind == Kind::Rooms =>
-                ", no images: this format carries no textures".to_owned(),
+                ", no images: synth writes them beside PLY and OBJ".to_owned(),
             0 => String::new(),
             1 => ", 1 image".to_owned(),
             n => format!(", {n} images"),

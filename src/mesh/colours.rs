@@ -5,7 +5,7 @@
 //! (`ColourSurvey`), and `Property::white` carries what it found. Alpha is a share, never sRGB.
 
 use super::oklab::{linear_of_srgb, srgb_of_linear};
-use super::property::{Property, Scalar, read_scalar};
+use super::property::{Property, Scalar, read_scalar, write_scalar};
 use super::record::VertexSchema;
 
 /// Names of red, green and blue, in the order of preference, and of the alpha beside them.
@@ -96,6 +96,14 @@ impl ColourPlace {
     /// sRGB in bytes.
     pub fn bytes(&self, record: &[u8]) -> [u8; 3] {
         self.shares(record).map(|share| (255.0 * share).round() as u8)
+    }
+
+    /// Puts sRGB in bytes into a record.
+    pub fn put_bytes(&self, bytes: [u8; 3], record: &mut [u8]) {
+        for (component, byte) in self.components.iter().zip(bytes) {
+            let value = component.white * f64::from(byte) / 255.0;
+            write_scalar(component.scalar, record, component.at, value);
+        }
     }
 
     /// Linear light and opacity as glTF has them, in 65,535ths: every byte of sRGB comes back from it.

@@ -4,7 +4,8 @@ use super::camera::{Camera, Extent, Silhouette, nearest_axis};
 use super::frames::{FRAME_BYTES, Frames, MOST_TRIANGLES};
 use super::picture::Picture;
 use super::quadrics::Facet;
-use super::raster::{Corner, Frame, SAMPLE_BYTES, Shown, Style};
+use super::raster::{Corner, Frame, Shown, Style};
+use super::sample::SAMPLE_BYTES;
 use super::scene::{Faces, Points, Scene};
 use super::shade;
 use super::skin::Skins;
@@ -12,6 +13,7 @@ use super::vector::smoothstep;
 use super::vertices::{PlacedVertex, Vertices, vertex_bytes};
 use super::view::{Aim, Direction, Lighting, Resources, Sphere, View, per_pixel};
 use stonecut_io::ply::{BLOCK_ROWS, FaceLook};
+use stonecut_mesh::oklab::{linear_of_srgb, srgb_of_linear};
 use stonecut_mesh::vec3::unit;
 use stonecut_mesh::vec3::{Vec3, add, dot, normal, scale};
 use stonecut_system::error::{Error, Result};
@@ -136,6 +138,10 @@ pub(super) fn draw(
     let threads = resources.threads;
     let mut frame =
         Frame::new(view.width as usize * per_pixel, view.height as usize * per_pixel, &camera);
+    if scene.is_tinted() && skins.is_some() {
+        frame.tints = vec![[255; 3]; frame.samples.len()];
+    }
+    let budget = budget.saturating_sub(3 * frame.tints.len() as u64);
     let mut vertices = Vertices::new(scene, &camera, budget, threads, progress)?;
     let smooth_bytes = scene.n_vertices().saturating_mul(vertex_bytes(scene.is_colored(), true));
     let is_smooth = view.smooth && scene.n_triangles() <= MOST_SMOOTH_FACES;
@@ -203,11 +209,15 @@ fn draw_face(
     frame: &mut Frame,
     mut style: Style,
 ) -> Result<()> {
+    let is_tinted = !frame.tints.is_empty();
     let skin = look.and_then(|(skins, (_, material))| skins.get(material));
     let vertices_of_face = get_three(ids, vertices)?;
     let mut corners = vertices_of_face.each_ref().map(|vertex| {
         let own = vertex.color.map(|color| color.map(|c| f32::from(c) / 255.0));
         let color = match (own, skin) {
+            (Some(own), Some(skin)) if is_tinted && skin.texels.is_none() => {
+                product(own, skin.color)
+            }
             (Some(own), _) => own,
             (None, Some(skin)) => skin.color,
             (None, None) => CLAY,
@@ -231,6 +241,12 @@ fn draw_face(
     }
     frame.triangle(&corners, style);
     Ok(())
+}
+
+/// The colour of a vertex times that of its material, both sRGB.
+fn product(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    let light = |x: f32| linear_of_srgb(f64::from(x));
+    [0, 1, 2].map(|k| srgb_of_linear(light(a[k]) * light(b[k])) as f32)
 }
 
 fn get_three(ids: &[u64; 3], vertices: &mut Vertices) -> Result<[PlacedVertex; 3]> {

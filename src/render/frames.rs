@@ -3,7 +3,8 @@
 //! A mesh that is not too large has Mikkelsen's frames, as glTF wants; each face of a larger one has the frame that its
 //! coordinates have. Looks nothing up.
 
-use super::raster::{Corner, Sample};
+use super::raster::Corner;
+use super::sample::Sample;
 use super::turn::tangent_of;
 use crate::texture::{FrameCorner, Tangent, tangents, unpacked};
 use stonecut_mesh::vec3::{add, cross, scale, sub, unit};

@@ -13,6 +13,7 @@ mod legend;
 mod picture;
 mod quadrics;
 mod raster;
+mod sample;
 mod scene;
 mod shade;
 mod shots;

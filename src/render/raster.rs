@@ -6,13 +6,12 @@
 //! its faces and without vertex normals.
 
 use super::camera::Camera;
+use super::sample::Sample;
 use super::turn::turn_of;
 use super::vector::smoothstep;
 use std::ops::Range;
 use stonecut_mesh::steps::count;
 
-/// Bytes of one sample.
-pub(super) const SAMPLE_BYTES: usize = std::mem::size_of::<Sample>();
 /// Sides of the bounding box, in samples, up to which a triangle is averaged into its samples.
 const SMALL: f32 = 2.0;
 /// Ends of edges this near to a row, in samples, count as in it.
@@ -25,57 +24,6 @@ const FAR: f64 = 1e5;
 const WIDEST: f32 = 1e6;
 /// Depths that differ by at most this many samples' width count as the same surface for averaging.
 const SAME_SURFACE: f32 = 3.0;
-
-/// Surface that is seen at one sample.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Sample {
-    /// 1 / distance from the eye; 0 where nothing is seen.
-    pub(super) nearness: f32,
-    /// Sum of normals, towards the viewer, in camera space.
-    pub(super) normal: [f32; 3],
-    /// Sum of colours times weight; as `material` says.
-    pub(super) color: [f32; 3],
-    /// Sum of weights.
-    pub(super) weight: f32,
-    /// Meaning of `color`: `PLAIN`, `LIGHT`, or the number of a material with an image, where it is two texture
-    /// coordinates and the texels from here to the next sample.
-    pub(super) material: u32,
-    /// Cover by edge lines, of 255.
-    pub(super) ink: u8,
-    /// `BACK`, `UNLIT`, `MIRRORED`.
-    pub(super) flags: u8,
-    /// Direction of rising u around the normal, for normal maps; `turn` counts it.
-    pub(super) turn: u16,
-}
-
-impl Sample {
-    /// Colours are sRGB values in [0, 1].
-    pub(super) const PLAIN: u32 = u32::MAX;
-    /// Colours are linear light.
-    pub(super) const LIGHT: u32 = u32::MAX - 1;
-    /// The back of the surface is seen.
-    pub(super) const BACK: u8 = 1;
-    /// Light does not matter.
-    pub(super) const UNLIT: u8 = 2;
-    /// The image is mirrored on the surface, as its front side has it.
-    pub(super) const MIRRORED: u8 = 4;
-    /// Nothing.
-    const NONE: Sample = Sample {
-        nearness: 0.0,
-        normal: [0.0; 3],
-        color: [0.0; 3],
-        weight: 0.0,
-        material: Sample::PLAIN,
-        ink: 0,
-        flags: 0,
-        turn: 0,
-    };
-
-    /// True if `color` is a place in an image.
-    fn is_on_image(&self) -> bool {
-        self.material < Sample::LIGHT
-    }
-}
 
 /// A corner of a triangle in camera space.
 #[derive(Clone, Copy, Debug, Default)]
@@ -120,6 +68,8 @@ pub(super) struct Frame {
     pub(super) height: usize,
     /// All samples.
     pub(super) samples: Vec<Sample>,
+    /// For each sample the colour of vertices that its image is seen through, sRGB; empty where images hide these.
+    pub(super) tints: Vec<[u8; 3]>,
     /// For each sample the nearness that only what is farther away is drawn at; empty: all is drawn.
     limits: Vec<f32>,
     focal: f32,
@@ -142,6 +92,7 @@ impl Frame {
             width,
             height,
             samples: vec![Sample::NONE; width * height],
+            tints: Vec::new(),
             limits: Vec::new(),
             focal: camera.focal as f32,
             centre: camera.centre.map(|x| x as f32),
@@ -170,6 +121,12 @@ impl Frame {
 
     fn is_open(&self, at: usize, nearness: f32) -> bool {
         self.limits.get(at).is_none_or(|limit| nearness < *limit)
+    }
+
+    fn tint(&mut self, at: usize, color: [f32; 3]) {
+        if let Some(tint) = self.tints.get_mut(at) {
+            *tint = color.map(|x| (255.0 * x + 0.5) as u8);
+        }
     }
 
     fn project(&self, place: [f32; 3]) -> Option<ProjectedCorner> {
@@ -274,8 +231,9 @@ impl Frame {
                     && row < self.height
                     && (own || covered())
                     && self.is_open(at, nearness)
+                    && self.samples[at].average(&found, tolerance)
                 {
-                    self.samples[at].average(&found, tolerance);
+                    self.tint(at, color);
                 }
             }
         }
@@ -308,6 +266,7 @@ impl Frame {
         let (flags, has_frames) = (flags_of(corners, area), corners[0].tangent[3] != 0.0);
         let slopes = style.shown.map(|shown| Slopes::new(corners, p, &q, per_area, shown.texels));
         let columns = first(low[0])..last(high[0], self.width);
+        let is_tinted = !self.tints.is_empty();
         for row in first(low[1])..last(high[1], self.height) {
             let y = row as f64 + 0.5;
             let columns = across(&q, y, &columns);
@@ -359,35 +318,10 @@ impl Frame {
                         false => 0,
                     },
                 };
+                if is_tinted {
+                    self.tint(at, mix(|c| c.color));
+                }
             }
-        }
-    }
-}
-
-impl Sample {
-    /// Adds what a small triangle shows: in front it replaces, at the same depth it is averaged in.
-    fn average(&mut self, found: &Sample, tolerance: f32) {
-        if found.nearness > self.nearness * (1.0 + tolerance) {
-            *self = *found;
-        } else if found.nearness >= self.nearness * (1.0 - tolerance) {
-            for i in 0..3 {
-                self.normal[i] += found.normal[i];
-            }
-            let sum = self.weight + found.weight;
-            if self.is_on_image() || found.is_on_image() {
-                // Places in images have no mean: the front one stands for all, and a smaller size of the image.
-                let front = if found.nearness > self.nearness { *found } else { *self };
-                let share = if front.is_on_image() { 1.0 } else { sum / front.weight.max(1e-20) };
-                (self.color, self.material) = (front.color.map(|x| share * x), front.material);
-                self.turn = front.turn;
-                let side = (self.flags & !Sample::MIRRORED) | (front.flags & Sample::MIRRORED);
-                self.flags = side & (found.flags | Sample::MIRRORED);
-            } else {
-                (0..3).for_each(|i| self.color[i] += found.color[i]);
-                self.flags &= found.flags;
-            }
-            self.weight = sum;
-            self.nearness = self.nearness.max(found.nearness);
         }
     }
 }

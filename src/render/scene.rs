@@ -42,6 +42,10 @@ pub(super) trait Scene: Sync {
     fn faces(&self, block: u64, out: &mut Faces) -> Result<()>;
     /// Returns whether vertices have colours.
     fn is_colored(&self) -> bool;
+    /// Returns whether colours of vertices multiply those of materials and images.
+    fn is_tinted(&self) -> bool {
+        false
+    }
     /// Returns whether vertices come with normals.
     fn has_normals(&self) -> bool {
         false
@@ -209,6 +213,11 @@ impl Scene for OnDisk<'_> {
 
     fn is_colored(&self) -> bool {
         !matches!(self.paint, Paint::None)
+    }
+
+    fn is_tinted(&self) -> bool {
+        let is_colour = matches!(self.paint, Paint::Rgb(_));
+        self.has_looks && is_colour && !self.source.images_hide_colours()
     }
 
     fn has_normals(&self) -> bool {

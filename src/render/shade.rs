@@ -6,7 +6,8 @@
 
 use super::camera::Camera;
 use super::picture::Picture;
-use super::raster::{Frame, Sample};
+use super::raster::Frame;
+use super::sample::Sample;
 use super::vector::smoothstep;
 use stonecut_mesh::oklab::{linear_of_srgb, srgb_of_linear};
 use stonecut_mesh::vec3::unit;

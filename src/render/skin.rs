@@ -4,7 +4,8 @@
 //! mixed, and no more images are in memory than the budget for them holds. Does not draw triangles.
 
 use super::frames::bent;
-use super::raster::{Frame, Sample};
+use super::raster::Frame;
+use super::sample::Sample;
 use crate::texture::{Decoded, ImageCache, Light, MapUse, Paint, Palette};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -146,7 +147,8 @@ impl Group<'_> {
             in_blocks((stretch.len(), BLOCK), (threads, progress), &mut found, |some, out| {
                 for (at, sample) in (start + some.start..).zip(&stretch[some]) {
                     if self.materials.binary_search(&sample.material).is_ok() {
-                        out.push((at as u32, self.coloured(sample)));
+                        let tint = frame.tints.get(at).copied();
+                        out.push((at as u32, self.coloured(sample, tint.unwrap_or([255; 3]))));
                     }
                 }
                 Ok(())
@@ -164,8 +166,8 @@ impl Group<'_> {
         Ok(())
     }
 
-    /// A sample with the colour of its place; `None` where there is a hole.
-    fn coloured(&self, sample: &Sample) -> Option<Sample> {
+    /// A sample with the colour of its place, seen through the colour of vertices; `None` where there is a hole.
+    fn coloured(&self, sample: &Sample, [r, g, b]: [u8; 3]) -> Option<Sample> {
         let paint = &self.skins.palette.paints[sample.material as usize];
         let [u, v, width] = sample.color;
         let scale = first_map(paint).map_or(1.0, |map| map.texels_per_coordinate);
@@ -190,8 +192,8 @@ impl Group<'_> {
             let color = clay.map(|x| sample.weight * x);
             return Some(Sample { color, normal, material: Sample::PLAIN, ..*sample });
         }
-        let [r, g, b, own_opacity] = paint.factor;
-        let (mut color, mut opacity) = ([r, g, b], 1.0);
+        let (tint, own_opacity) = (self.skins.images.table.of([r, g, b, 255]), paint.factor[3]);
+        let (mut color, mut opacity) = ([0, 1, 2].map(|i| tint[i] * paint.factor[i]), 1.0);
         if let Some([r, g, b, a]) = look(paint.base.as_ref()) {
             let image = [r, g, b].map(|x| if a > 0.0 { x / a } else { 0.0 });
             color = [0, 1, 2].map(|i| color[i] * image[i]);

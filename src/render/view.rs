@@ -1,7 +1,7 @@
 //! Settings of a rendering: camera, paint, limits.
 
 use super::camera::Camera;
-use super::raster::SAMPLE_BYTES;
+use super::sample::SAMPLE_BYTES;
 use stonecut_system::error::{Error, Result};
 
 /// Limit in bytes of the samples of a frame; beyond it each pixel gets fewer.

@@ -212,29 +212,32 @@ fn shade_and_factors_of_gltf_are_baked() {
     assert!(said.contains("image of ambient shade") && said.contains("not baked"), "{said}");
 }
 
-/// Two squares of glTF with colours of vertices, the second with an image besides: a viewer multiplies page and vertices, so a
-/// colour is in one of both.
-#[test]
-fn colours_of_vertices_are_counted_once() {
-    let folder = &scratch();
+const COLOURS: [[f32; 3]; 2] = [[0.25, 0.5, 1.0], [0.5, 1.0, 0.25]];
+const FACTOR: [f64; 3] = [0.5, 0.25, 0.75];
+
+/// Two squares with colours of vertices, the first of a material with a colour, the second with an image: `both.gltf`, and
+/// the first one alone: `plain.gltf`. Returns the light of both.
+fn tinted_squares(folder: &Path) -> [[f64; 3]; 2] {
     RgbImage::from_pixel(8, 8, Rgb([200, 120, 60])).save(folder.join("image.png")).unwrap();
     let mut bytes = crate::opacity::two_squares([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0]]);
     bytes.resize(136, 0);
-    let colours = [[0.25f32, 0.5, 1.0], [0.5, 1.0, 0.25]];
-    for colour in colours.iter().flat_map(|colour| [colour; 4]) {
+    for colour in COLOURS.iter().flat_map(|colour| [colour; 4]) {
         bytes.extend(colour.map(f32::to_le_bytes).as_flattened());
     }
     let data = base64::engine::general_purpose::STANDARD.encode(&bytes);
     let accessor = |at: usize, component: u32, count: u32, kind: &str| json!({ "bufferView": 0, "byteOffset": at, "componentType": component, "count": count, "type": kind });
-    let document = json!({
+    let mut document = json!({
         "asset": { "version": "2.0" },
         "scenes": [{ "nodes": [0] }],
         "nodes": [{ "mesh": 0 }],
         "meshes": [{ "primitives": [
-            { "attributes": { "POSITION": 0, "COLOR_0": 4 }, "indices": 3 },
+            { "attributes": { "POSITION": 0, "COLOR_0": 4 }, "indices": 3, "material": 1 },
             { "attributes": { "POSITION": 1, "COLOR_0": 5, "TEXCOORD_0": 2 }, "indices": 3, "material": 0 },
         ] }],
-        "materials": [{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }],
+        "materials": [
+            { "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } },
+            { "pbrMetallicRoughness": { "baseColorFactor": [FACTOR[0], FACTOR[1], FACTOR[2], 1.0] } },
+        ],
         "textures": [{ "source": 0 }],
         "images": [{ "uri": "image.png" }],
         "accessors": [
@@ -246,46 +249,102 @@ fn colours_of_vertices_are_counted_once() {
             "byteLength": bytes.len(), "uri": format!("data:application/octet-stream;base64,{data}"),
         }],
     });
-    std::fs::write(folder.join("in.gltf"), document.to_string()).unwrap();
-    expect(folder, "simplify in.gltf out.glb --triangles 4 --texture bake", 0);
-    let light = |shown: f64| ((shown / 255.0 + 0.055) / 1.055).powf(2.4);
+    std::fs::write(folder.join("both.gltf"), document.to_string()).unwrap();
+    document["meshes"][0]["primitives"].as_array_mut().unwrap().pop();
+    std::fs::write(folder.join("plain.gltf"), document.to_string()).unwrap();
     let image = [200.0, 120.0, 60.0].map(light);
-    let wanted =
-        [colours[0].map(f64::from), [0, 1, 2].map(|k| f64::from(colours[1][k]) * image[k])];
-    let out = folder.join("out.glb");
-    let (document, page, mut n) = (glb_json(&out), embedded(&out, "_0"), 0);
-    for primitive in document["meshes"][0]["primitives"].as_array().unwrap() {
-        let attribute = |name: &str| numbers(&out, &primitive["attributes"][name]);
-        let (values, places) = (attribute("COLOR_0"), attribute("TEXCOORD_0"));
-        let ids = numbers(&out, &primitive["indices"]);
-        for t in ids.as_chunks::<3>().0 {
-            let mean = |of: &[Vec<f64>], k: usize| {
-                t.iter().map(|v| of[v[0] as usize][k]).sum::<f64>() / 3.0
-            };
-            let seen = look_up(&page, [mean(&places, 0), 1.0 - mean(&places, 1)]);
-            let seen = [0, 1, 2].map(|k| light(seen[k]) * mean(&values, k) / 65_535.0);
-            let is_near = |wanted: &[f64; 3]| (0..3).all(|k| (seen[k] - wanted[k]).abs() < 0.02);
-            assert!(wanted.iter().any(is_near), "{seen:?} for {wanted:?}");
-            n += 1;
+    [0, 1].map(|i| [0, 1, 2].map(|k| f64::from(COLOURS[i][k]) * [FACTOR, image][i][k]))
+}
+
+fn light(shown: f64) -> f64 {
+    ((shown / 255.0 + 0.055) / 1.055).powf(2.4)
+}
+
+/// Pixels of an image that show this light.
+fn count_near(image: &RgbImage, wanted: &[f64; 3]) -> usize {
+    let is_near =
+        |p: &&Rgb<u8>| (0..3).all(|k| (light(f64::from(p.0[k])) - wanted[k]).abs() < 0.01);
+    image.pixels().filter(is_near).count()
+}
+
+/// A viewer multiplies page, material and vertices, so a colour is in one of them.
+#[test]
+fn colours_of_vertices_are_counted_once() {
+    let folder = &scratch();
+    let wanted = tinted_squares(folder);
+    for (input, n_triangles) in [("both", 4), ("plain", 2)] {
+        let command = format!("simplify {input}.gltf out.glb --triangles 4 --texture bake --force");
+        expect(folder, &command, 0);
+        let out = folder.join("out.glb");
+        let (document, page, mut n) = (glb_json(&out), embedded(&out, "_0"), 0);
+        for primitive in document["meshes"][0]["primitives"].as_array().unwrap() {
+            let attribute = |name: &str| numbers(&out, &primitive["attributes"][name]);
+            let (places, ids) = (attribute("TEXCOORD_0"), numbers(&out, &primitive["indices"]));
+            let has_colours = primitive["attributes"]["COLOR_0"].is_u64();
+            let white = || vec![vec![65_535.0; 4]; places.len()];
+            let values = if has_colours { attribute("COLOR_0") } else { white() };
+            for t in ids.as_chunks::<3>().0 {
+                let mean = |of: &[Vec<f64>], k: usize| {
+                    t.iter().map(|v| of[v[0] as usize][k]).sum::<f64>() / 3.0
+                };
+                let seen = look_up(&page, [mean(&places, 0), 1.0 - mean(&places, 1)]);
+                let seen = [0, 1, 2].map(|k| light(seen[k]) * mean(&values, k) / 65_535.0);
+                let is_near =
+                    |wanted: &[f64; 3]| (0..3).all(|k| (seen[k] - wanted[k]).abs() < 0.02);
+                assert!(wanted.iter().any(is_near), "{seen:?} for {wanted:?}");
+                n += 1;
+            }
         }
+        assert_eq!(n, n_triangles);
     }
-    assert_eq!(n, 4);
     // Where images hide the colours of vertices, the pages show both; images that are kept do not.
     for output in ["kept.obj", "kept.ply", "kept.glb"] {
-        let said = expect(folder, &format!("convert in.gltf {output}"), 0);
+        let said = expect(folder, &format!("convert both.gltf {output}"), 0);
         let is_named =
             said.contains("colours of vertices under images, 4 of them: hidden by the images");
         assert_eq!(is_named, output != "kept.glb", "{said}");
     }
     for output in ["out.obj", "out.ply"] {
-        let command = format!("simplify in.gltf {output} --triangles 4 --texture bake --force");
+        let command = format!("simplify both.gltf {output} --triangles 4 --texture bake --force");
         let said = expect(folder, &command, 0);
         assert!(!said.contains("under images"), "{said}");
+        assert!(said.contains("in the new texture, no longer at the vertices"), "{said}");
+        assert!(!vertex_lines(folder, output).iter().any(|numbers| numbers.len() > 3));
         let page = image::open(folder.join("out_textures/out_0.png")).unwrap().into_rgb8();
         for wanted in &wanted {
-            let is_near =
-                |p: &&Rgb<u8>| (0..3).all(|k| (light(f64::from(p.0[k])) - wanted[k]).abs() < 0.01);
-            assert!(page.pixels().filter(is_near).count() > 60, "{output} {wanted:?}");
+            assert!(count_near(&page, wanted) > 60, "{output} {wanted:?}");
+        }
+    }
+}
+
+/// Numbers of the lines of vertices of a mesh as OBJ.
+fn vertex_lines(folder: &Path, mesh: &str) -> Vec<Vec<f64>> {
+    expect(folder, &format!("convert {mesh} lines.obj --textures none --force"), 0);
+    let text = std::fs::read_to_string(folder.join("lines.obj")).unwrap();
+    let lines = text.lines().filter_map(|line| line.strip_prefix("v "));
+    lines.map(|line| line.split(' ').map(|word| word.parse().unwrap()).collect()).collect()
+}
+
+#[test]
+fn tiles_and_pictures_multiply_colours_of_vertices() {
+    let folder = &scratch();
+    let wanted = tinted_squares(folder);
+    expect(folder, "render both.gltf -o p.png --unlit --view front --size 200x80", 0);
+    let picture = image::open(folder.join("p.png")).unwrap().into_rgb8();
+    // So small that triangles are averaged into a sample.
+    expect(folder, "render both.gltf -o s.png --unlit --view front --size 6x2", 0);
+    let small = image::open(folder.join("s.png")).unwrap().into_rgb8();
+    for wanted in &wanted {
+        assert!(count_near(&picture, wanted) > 500, "{wanted:?}");
+        assert!(count_near(&small, wanted) > 0, "{wanted:?} {small:?}");
+    }
+    for options in ["", "--texture colors"] {
+        expect(folder, &format!("tiles both.gltf tree --force {options}"), 0);
+        expect(folder, "extract tree all.ply --max-error 0 --force", 0);
+        for vertex in vertex_lines(folder, "all.ply") {
+            let light = [3, 4, 5].map(|k| light(255.0 * vertex[k]));
+            let is_near = |wanted: &[f64; 3]| (0..3).all(|k| (light[k] - wanted[k]).abs() < 0.02);
+            assert!(wanted.iter().any(is_near), "{options} {light:?} for {wanted:?}");
         }
     }
 }

@@ -23,6 +23,7 @@ use crate::pipeline::run_report::TextureReport;
 use crate::stages::write::{self, Written};
 use crate::store::cells::SurvivorInfo;
 use crate::store::job::fingerprint::unchanged;
+use crate::system::losses::{Loss, LossKind};
 use crate::system::units::{show_bytes, show_count};
 use std::ops::Range;
 use std::path::Path;
@@ -136,11 +137,19 @@ impl SimplifyRun<'_> {
         if baked.holds_vertex_colours {
             source.clamped_colours().into_iter().for_each(|loss| self.run.progress.lose(loss));
         }
-        let is_doubled = self.config.kind()? == OutputKind::Glb
-            && (baked.holds_vertex_colours || source.images_hide_colours());
-        let is_hidden = is_doubled && !baked.holds_vertex_colours;
-        if is_hidden && ColourPlace::find(shape.schema()).is_some() {
-            self.run.progress.lose(hidden_colours());
+        let (is_glb, hides) =
+            (self.config.kind()? == OutputKind::Glb, source.images_hide_colours());
+        let is_doubled = match baked.holds_vertex_colours {
+            true => is_glb || !hides,
+            false => is_glb && hides,
+        };
+        if is_doubled && ColourPlace::find(shape.schema()).is_some() {
+            if !baked.holds_vertex_colours {
+                self.run.progress.lose(hidden_colours());
+            } else if !is_glb {
+                let loss = Loss::new(LossKind::Colors, "colours of vertices", bake::IN_TEXTURE);
+                self.run.progress.lose(loss.notice());
+            }
         }
         let (schema, kept) = written_properties(shape.schema(), is_doubled);
         let mut header = shape.kept_header(schema, shape.n_vertices(), shape.n_face_rows());
@@ -200,7 +209,7 @@ impl SimplifyRun<'_> {
 
 /// The properties of vertices that are written, and their places in records of `schema`.
 ///
-/// In glTF colours of vertices multiply those of images: colours that the pages hold or hide leave their vertices (`is_doubled`).
+/// Some viewers, and all of glTF, multiply colours of vertices with images: colours that the pages hold or hide leave their vertices (`is_doubled`).
 fn written_properties(
     schema: &VertexSchema,
     is_doubled: bool,

@@ -3,7 +3,7 @@
 use super::config::{Finest, NAMED, TileTexture, TilesConfig};
 use super::pending::{check_tree, checksum};
 use crate::bake::{
-    BasisCoding, TilesNeed, check_tiles, colour_properties, has_images, has_only_images,
+    BasisCoding, TilesNeed, check_tiles, coloured_schema, colours_vertices, has_images,
     least_for_colours, least_for_tiles,
 };
 use crate::error::{Error, Result};
@@ -389,16 +389,15 @@ fn is_textured(source: &MeshSource, config: &TilesConfig) -> Result<bool> {
 
 /// True if vertices get colours out of images.
 pub(super) fn gets_colours(source: &MeshSource, textured: bool) -> bool {
-    !textured && has_only_images(source)
+    !textured && colours_vertices(source)
 }
 
 /// Properties of the vertices that are cut into tiles: those of the input, and the colours that they get from its images.
 pub(super) fn schema(source: &MeshSource, textured: bool) -> VertexSchema {
-    let mut schema = source.schema().clone();
     if gets_colours(source, textured) {
-        schema.properties.extend(colour_properties());
+        return coloured_schema(source);
     }
-    schema
+    source.schema().clone()
 }
 
 /// Rows of vertices of a run.
