@@ -19,6 +19,7 @@ use crate::io::{
     DuplicateFinder, Duplicates, MeshSink, NameUse, OutputFormat, StageOptions, TextureMode,
     TexturePlan, TextureRequest, Weld, WeldOptions, check_range,
 };
+use crate::render::texture::plan_textures as plan_with_png;
 use crate::system::disk::folder_of;
 use crate::system::losses::{Ledger, Loss, LossKind};
 use crate::system::paths::{Kind, Paths, Role};
@@ -165,7 +166,7 @@ fn open(args: &Args) -> Result<Ready> {
         source.require_no_texture()?;
     }
     check_range(&source, &args.paths.output, args.format)?;
-    let textures = plan_textures(&source, args)?;
+    let textures = plan_textures(&source, args, &stage)?;
     let temp_dir = stage.temp_dir;
     Ok(Ready { source, texture, textures, temp_dir, memory_bytes, recentres })
 }
@@ -247,12 +248,16 @@ fn losses(source: &MeshSource, recentres: bool) -> Result<Ledger> {
 }
 
 /// Looks at every image and decides what becomes of it.
-fn plan_textures(source: &MeshSource, args: &Args) -> Result<Option<TexturePlan>> {
+fn plan_textures(
+    source: &MeshSource,
+    args: &Args,
+    stage: &StageOptions,
+) -> Result<Option<TexturePlan>> {
     let is_given_up = args.drop_texture && source.has_corner_texture();
     let Some(materials) = source.materials().filter(|_| !is_given_up) else { return Ok(None) };
     let (output, kind) = (args.paths.output.as_path(), args.format.check(&args.paths.output)?);
     let request = TextureRequest { output, kind, mode: args.textures, force: args.force };
-    TexturePlan::new(materials.clone(), &request).map(Some)
+    plan_with_png(materials, &request, stage).map(Some)
 }
 
 /// The mesh that is written.

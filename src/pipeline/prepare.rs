@@ -13,6 +13,7 @@ use crate::io::{
     NUMBER, OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest, Weld,
     WeldOptions, check_range, faces_to_vertices, survey_faces, survey_labels,
 };
+use crate::render::texture::plan_textures as plan_with_png;
 use crate::stages::write::REACH;
 use crate::store::job::fingerprint::{input_marks, marks_beside, unchanged};
 use crate::system::disk::folder_of;
@@ -132,7 +133,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let Some(mut plan) = plan else { unreachable!("a plan that failed is an error") };
     let textures = match texture {
         Texture::Bake => Vec::new(),
-        Texture::Auto | Texture::Keep => plan_textures(&source, &config)?,
+        Texture::Auto | Texture::Keep => plan_textures(&source, &config, &stage)?,
     };
     if config.map.is_some() {
         check_map(&source, &config)?;
@@ -178,7 +179,11 @@ pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String
 }
 
 /// Looks at every image and decides what becomes of it, for each output; empty where there are no materials.
-fn plan_textures(source: &MeshSource, config: &Config) -> Result<Vec<TexturePlan>> {
+fn plan_textures(
+    source: &MeshSource,
+    config: &Config,
+    stage: &StageOptions,
+) -> Result<Vec<TexturePlan>> {
     let is_given_up = config.drop_texture
         && source
             .carried()
@@ -190,7 +195,7 @@ fn plan_textures(source: &MeshSource, config: &Config) -> Result<Vec<TexturePlan
     let plan_for = |output: &PathBuf| {
         let request =
             TextureRequest { output, kind, mode: config.textures, force: config.job.force };
-        TexturePlan::new(materials.clone(), &request)
+        plan_with_png(materials, &request, stage)
     };
     config.named_outputs().map(plan_for).collect()
 }

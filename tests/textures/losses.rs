@@ -133,19 +133,28 @@ fn libraries_that_name_themselves_end() {
     says_all(&said, &["materials: in no library"]);
 }
 
-/// A TGA file has nothing at its beginning that tells it.
 #[test]
-fn a_glb_without_any_image_ends_with_3() {
+fn a_glb_has_images_that_gltf_does_not_know_as_png_or_ends_with_3() {
     let at = &scratch();
-    image::RgbImage::new(4, 4).save(at.join("a.bmp")).unwrap();
+    image::RgbImage::from_pixel(4, 4, image::Rgb([200, 120, 60])).save(at.join("a.bmp")).unwrap();
     std::fs::write(at.join("a.mtl"), "newmtl m\nmap_Kd a.bmp\n").unwrap();
     let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
     std::fs::write(at.join("a.obj"), text).unwrap();
-    let said = expect(at, "convert a.obj a.glb", 3);
+    for command in ["convert a.obj a.glb", "simplify a.obj a.glb --ratio 100% --texture keep"] {
+        let said = expect(at, &format!("{command} --force"), 0);
+        assert!(said.contains("as PNG, since glTF knows no bmp"), "{said}");
+        let image = crate::maps::embedded(&at.join("a.glb"), "a");
+        assert!(image.pixels().all(|pixel| pixel.0 == [200, 120, 60]));
+    }
+    // One that cannot be decoded.
+    let bytes = std::fs::read(at.join("a.bmp")).unwrap();
+    std::fs::write(at.join("a.bmp"), &bytes[..bytes.len() - 20]).unwrap();
+    let said = expect(at, "convert a.obj a.glb --force", 3);
     assert!(said.contains("lost: all images") && said.contains("JPEG"), "{said}");
     expect(at, "convert a.obj b.obj", 0);
 }
 
+/// A TGA file has nothing at its beginning that tells it.
 #[test]
 fn images_in_tga_are_decoded() {
     let at = &scratch();

@@ -37,7 +37,7 @@ fn page(folder: &Path, name: &str, word: &str) -> RgbImage {
 }
 
 /// The image of a GLB whose name has this end.
-fn embedded(path: &Path, end: &str) -> RgbImage {
+pub fn embedded(path: &Path, end: &str) -> RgbImage {
     let (bytes, document) = (std::fs::read(path).unwrap(), glb_json(path));
     let binary = 28 + u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
     let images = document["images"].as_array().unwrap();

@@ -7,13 +7,14 @@ use super::jpeg::possible_halvings;
 use super::light_table::{Light, LightTable, LightValues, pixel_of};
 use super::map_use::MapUse;
 use super::palette::{Palette, Picture, image_bytes};
+use image::ImageEncoder;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
 use std::sync::Arc;
 use std::sync::{Mutex, OnceLock, PoisonError};
-use stonecut_io::materials::{all_missing, copy_bytes};
+use stonecut_io::materials::{ImageData, all_missing, copy_bytes};
 use stonecut_mesh::oklab::srgb_of_linear;
-use stonecut_system::error::Result;
+use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Ledger, Loss, LossKind};
 use stonecut_system::parallel::{guarded, in_order};
 use stonecut_system::progress::Progress;
@@ -39,13 +40,7 @@ const KTX2_MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
 impl Decoded {
     /// Decodes a picture, after as many halvings as cost no time; the error says in words why that is not possible.
     fn new(picture: &Picture, halvings: u32) -> Result<Decoded, String> {
-        let mut bytes = Vec::new();
-        let read = copy_bytes(&picture.data, |part| {
-            bytes.reserve_exact(part.len());
-            bytes.extend_from_slice(part);
-            Ok(())
-        });
-        read.map_err(|error| error.to_string())?;
+        let bytes = bytes_of(&picture.data).map_err(|error| error.to_string())?;
         let small = (halvings > 0)
             .then(|| super::jpeg::pixels_of(&bytes, picture.size, halvings))
             .flatten();
@@ -143,6 +138,34 @@ impl Decoded {
         }
         Some(sum)
     }
+}
+
+fn bytes_of(data: &ImageData) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    copy_bytes(data, |part| {
+        bytes.reserve_exact(part.len());
+        bytes.extend_from_slice(part);
+        Ok(())
+    })?;
+    Ok(bytes)
+}
+
+/// An image as PNG, with opacity if any of its pixels lets light through.
+pub(super) fn as_png(data: &ImageData, size: [u32; 2]) -> Result<Vec<u8>> {
+    let bytes = bytes_of(data)?;
+    let pixels = guarded(|| pixels_of(&bytes, size).map_err(Error::Usage))?.pixels;
+    let (values, kind) = match pixels.iter().any(|pixel| pixel[3] < 255) {
+        true => (pixels.into_flattened(), image::ExtendedColorType::Rgba8),
+        false => {
+            let rgb = pixels.iter().flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]);
+            (rgb.collect(), image::ExtendedColorType::Rgb8)
+        }
+    };
+    let mut png = Vec::new();
+    let encoder = image::codecs::png::PngEncoder::new(&mut png);
+    let written = encoder.write_image(&values, size[0], size[1], kind);
+    written.map_err(|error| Error::Usage(format!("cannot make a PNG: {error}")))?;
+    Ok(png)
 }
 
 /// Decodes the file of an image whose head names `size`; the error says in words why that is not possible.

@@ -4,6 +4,7 @@
 //! vertices of a cut through tiles get them (`pipeline/extract`).
 //! Knows no triangles; the description of materials is in `io/materials`.
 
+mod as_png;
 mod basis_coding;
 mod frames;
 mod images;
@@ -19,6 +20,7 @@ mod page;
 mod palette;
 mod purpose;
 
+pub use as_png::plan_textures;
 pub use basis_coding::BasisCoding;
 #[cfg(not(feature = "ktx2"))]
 pub use basis_coding::ktx2_file;
