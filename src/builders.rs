@@ -441,6 +441,7 @@ impl RunReport {
             || !is_solid(&self.solid)
             || !self.levels.iter().all(|level| is_solid(&level.solid))
             || self.opened_region_edges > 0
+            || self.regions_off_volume > 0
             || self.input.lost_rows() > 0
             || self.losses.has_whole()
     }

@@ -160,6 +160,12 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
             show_count(report.opened_region_edges)
         ));
     }
+    if report.regions_off_volume > 0 {
+        log.say_reason(format!(
+            "too few triangles for {} of the regions: their volume is off by more than 10 %; ask for more",
+            show_count(report.regions_off_volume)
+        ));
+    }
     if !report.quality.bearable {
         log.say_reason(unbearable_line(&report.quality));
     }

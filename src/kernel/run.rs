@@ -56,12 +56,13 @@ pub(crate) fn start(
     assert!(locked.len() == n && mesh.channels.len() == n * mesh.n_channels, "lengths agree");
     // What rides with the triangles of later rounds has a side.
     let is_first = mesh.relief.is_empty() && mesh.extremes.is_empty();
+    let is_locked = |v: u32| locked[v as usize];
     let oriented = match options.orient {
         // Their labels say the side.
         _ if options.walls => Oriented::default(),
         true => {
             let (before, relief) = (mesh.triangles.clone(), &mut mesh.relief);
-            let oriented = orient_all(&mut mesh.triangles);
+            let oriented = orient_all(&mut mesh.triangles, is_locked);
             let is_turned = before.iter().zip(&mesh.triangles).map(|(a, b)| a != b);
             // What is turned has the original on its other side.
             for (relief, _) in relief.iter_mut().zip(is_turned).filter(|(_, turned)| *turned) {
@@ -69,7 +70,7 @@ pub(crate) fn start(
             }
             oriented
         }
-        false if is_first => orient(&mut mesh.triangles, n),
+        false if is_first => orient(&mut mesh.triangles, n, is_locked),
         false => Oriented::default(),
     };
     let scales = (&options.weights[..], &options.confined[..]);

@@ -5,6 +5,7 @@
 //! against it, a flap has none left, and a sheet ends with its back. It looks at indices only, and is used by the kernel, for cells that
 //! were just partitioned, and for meshes that other methods read.
 
+use crate::curves::meet_along_curves;
 use crate::union_find::Union;
 use std::collections::BTreeMap;
 
@@ -36,25 +37,31 @@ impl Repeats {
 }
 
 impl Repeats {
-    /// Those of `n_triangles` that go: all in the same sense of rotation, and of the reversed ones all of a two-sided mesh, or those
-    /// that do not stay by `fates`; it gets them, and those that go already.
-    pub fn that_go(
-        self,
-        n_triangles: usize,
-        fates: impl FnOnce(&[u32], &[u32]) -> Vec<Fate>,
-    ) -> Going {
-        let Repeats { same: mut triangles, reversed } = self;
-        triangles.sort_unstable();
-        let fates = match is_two_sided(reversed.len(), n_triangles - triangles.len()) {
-            true => vec![Fate::Back; reversed.len()],
-            false if reversed.is_empty() => Vec::new(),
-            false => fates(&reversed, &triangles),
+    /// Those of `triangles` that go: all in the same sense of rotation, and of the reversed ones all of a two-sided mesh, or those
+    /// that do not stay by `fates`. `is_known`: whether all triangles of a vertex are among these.
+    pub fn that_go(self, triangles: &[[u32; 3]], is_known: impl Fn(u32) -> bool) -> Going {
+        let Repeats { same: mut gone, reversed } = self;
+        gone.sort_unstable();
+        let turned: Vec<[u32; 3]> = reversed.iter().map(|&t| triangles[t as usize]).collect();
+        let fates = match is_two_sided(&turned, triangles.len() - gone.len(), &is_known) {
+            true => vec![Fate::Back; turned.len()],
+            false => {
+                let n = turned.iter().flatten().max().map_or(0, |&v| v as usize + 1);
+                let mut is_near = vec![false; n];
+                turned.iter().flatten().for_each(|&v| is_near[v as usize] = true);
+                let has_edge_there = |t: &[u32; 3]| {
+                    t.iter().filter(|&&v| is_near.get(v as usize) == Some(&true)).count() > 1
+                };
+                let all = (0u32..).zip(triangles).filter(|(_, t)| has_edge_there(t));
+                let all = all.filter(|(i, _)| gone.binary_search(i).is_err()).map(|(_, t)| *t);
+                fates(&turned, triangles.len(), all, is_known)
+            }
         };
         let backs = fates.iter().filter(|fate| **fate == Fate::Back).count() as u64;
-        let gone = reversed.into_iter().zip(fates).filter(|(_, fate)| *fate != Fate::Stays);
-        triangles.extend(gone.map(|(t, _)| t));
-        triangles.sort_unstable();
-        Going { triangles, backs }
+        let turned = reversed.into_iter().zip(fates).filter(|(_, fate)| *fate != Fate::Stays);
+        gone.extend(turned.map(|(t, _)| t));
+        gone.sort_unstable();
+        Going { triangles: gone, backs }
     }
 }
 
@@ -113,7 +120,8 @@ struct PairPatch {
 /// triangles with it than against it at one of its edges. The neighbours of a flap go with it, so that whole patches do.
 ///
 /// `all`: every triangle at these edges, `reversed` included, once. `is_known`: whether all triangles of a
-/// vertex are in `all`; a triangle none of whose edges has such an end counts as a flap. `n_triangles`: those of the whole mesh.
+/// vertex are in `all`; a triangle none of whose edges has such an end is a flap if more of the others are than belong to bodies;
+/// else it stays, since later rounds know more. `n_triangles`: those of the whole mesh.
 pub fn fates(
     reversed: &[[u32; 3]],
     n_triangles: usize,
@@ -145,11 +153,11 @@ pub fn fates(
         let before = waiting.len();
         waiting.retain(|&i| {
             let own = sides(reversed[i]);
-            let known = || own.iter().filter(|side| is_known(side[0]) || is_known(side[1]));
+            let mut known = own.iter().filter(|side| side.iter().any(|&v| is_known(v)));
             let is_surplus = |side: &[u32; 2]| {
                 edges.get(&key(*side)).is_some_and(|edge| edge.surplus * sign(*side) > 0)
             };
-            if !backs[i] && known().next().is_some() && !known().any(is_surplus) {
+            if !backs[i] && !known.any(is_surplus) {
                 return true;
             }
             for side in own {
@@ -159,9 +167,15 @@ pub fn fates(
             false
         });
         if waiting.len() == before {
-            return fates;
+            break;
         }
     }
+    let has_known = |i: &usize| sides(reversed[*i]).into_iter().flatten().any(&is_known);
+    let n_flaps = fates.iter().filter(|fate| **fate == Fate::Flap).count();
+    if n_flaps > waiting.iter().filter(|i| has_known(i)).count() {
+        waiting.iter().filter(|i| !has_known(i)).for_each(|&i| fates[i] = Fate::Flap);
+    }
+    fates
 }
 
 /// For each pair whether it belongs to a two-sided sheet; `patch` is the patch of each.
@@ -193,8 +207,11 @@ fn are_backs(
 
 /// True if four fifths of a mesh are there twice, turned over: sheets whose faces were written for both sides, of which no rim may be
 /// in this cell. Those that are turned over tell nothing, and with them every edge has four triangles and no collapse is legal.
-fn is_two_sided(n_reversed: usize, n_triangles: usize) -> bool {
-    2 * n_reversed as u64 * 10 >= 8 * n_triangles as u64 && n_reversed >= LEAST_TWO_SIDED
+/// Where three or more of them meet along curves, they are walls of bodies that fill space.
+fn is_two_sided(turned: &[[u32; 3]], n_triangles: usize, is_known: impl Fn(u32) -> bool) -> bool {
+    2 * turned.len() as u64 * 10 >= 8 * n_triangles as u64
+        && turned.len() >= LEAST_TWO_SIDED
+        && !meet_along_curves(turned, is_known)
 }
 
 /// A closed body of fewer pairs may be flat.
@@ -220,11 +237,7 @@ pub fn drop_repeats(triangles: &mut Vec<[u32; 3]>) -> Going {
     let mut found = Repeats::default();
     found.add(&keys, |i| from_least(triangles[i as usize]));
     drop(keys);
-    let going = found.that_go(triangles.len(), |reversed, gone| {
-        let turned: Vec<[u32; 3]> = reversed.iter().map(|&i| triangles[i as usize]).collect();
-        let all = (0u32..).zip(&*triangles).filter(|(i, _)| gone.binary_search(i).is_err());
-        fates(&turned, triangles.len(), all.map(|(_, t)| *t), |_| true)
-    });
+    let going = found.that_go(triangles, |_| true);
     remove(triangles, &going.triangles);
     going
 }
@@ -248,6 +261,24 @@ mod tests {
 
     fn back(t: &[u32; 3]) -> [u32; 3] {
         [t[0], t[2], t[1]]
+    }
+
+    #[test]
+    fn walls_that_meet_along_a_curve_stay_though_all_are_there_twice() {
+        // Three strips around the line 0 - 2 - 4 - ...; in a cell of which nothing else is known but that line.
+        let n = 10;
+        let turn = |k: u32| move |v: u32| v + 100 * k * (v % 2);
+        let pages = (0..3).flat_map(|k| strip(n).into_iter().map(move |t| t.map(turn(k))));
+        let pages: Vec<[u32; 3]> = pages.collect();
+        let both = [&pages[..], &pages.iter().map(back).collect::<Vec<_>>()].concat();
+        for (pages, backs) in
+            [(both, 0), ([strip(n), strip(n).iter().map(back).collect()].concat(), 20)]
+        {
+            let reversed = (pages.len() as u32 / 2..pages.len() as u32).collect();
+            let found = Repeats { reversed, ..Repeats::default() };
+            let is_inner = |v: u32| v.is_multiple_of(2) && v > 0 && v < 2 * n;
+            assert_eq!(found.that_go(&pages, is_inner).triangles.len(), backs);
+        }
     }
 
     #[test]

@@ -10,6 +10,7 @@ pub mod codec;
 mod color_channels;
 pub mod colours;
 pub mod corners;
+pub mod curves;
 pub mod duplicate_triangles;
 pub mod eigen;
 pub mod extremes;

@@ -22,13 +22,24 @@ pub struct Oriented {
 ///
 /// Edges of more than two triangles do not connect. A component that cannot be turned right as a whole is left unless fewer edges
 /// disagree afterwards. Memory: `TRIANGLE_BYTES` a triangle where something is found, else one a vertex.
-pub fn orient(triangles: &mut [[u32; 3]], n_vertices: usize) -> Oriented {
-    if disagrees(triangles, n_vertices) { orient_all(triangles) } else { Oriented::default() }
+///
+/// `is_locked`: whether there may be more triangles at a vertex, in other cells. If neighbours disagree only at edges between such
+/// vertices, nothing is turned: where bodies meet that have a copy each of the wall between them, two of the four triangles at an edge are a body's.
+pub fn orient(
+    triangles: &mut [[u32; 3]],
+    n_vertices: usize,
+    is_locked: impl Fn(u32) -> bool,
+) -> Oriented {
+    match disagrees(triangles, n_vertices) {
+        true => orient_all(triangles, is_locked),
+        false => Oriented::default(),
+    }
 }
 
 /// As `orient`, for meshes of which only few neighbours may disagree: looks at all of them.
-pub fn orient_all(triangles: &mut [[u32; 3]]) -> Oriented {
+pub fn orient_all(triangles: &mut [[u32; 3]], is_locked: impl Fn(u32) -> bool) -> Oriented {
     let neighbours = neighbours(triangles);
+    let is_known = |a: [u32; 3], b: [u32; 3]| a.iter().any(|v| b.contains(v) && !is_locked(*v));
     let mut is_turned: Vec<Option<bool>> = vec![None; triangles.len()];
     let mut component = Vec::new();
     let mut oriented = Oriented::default();
@@ -41,6 +52,7 @@ pub fn orient_all(triangles: &mut [[u32; 3]]) -> Oriented {
         is_turned[seed as usize] = Some(false);
         // Sides of triangles that disagree with the neighbour, before and afterwards.
         let (mut before, mut after, mut turned, mut at) = (0u64, 0u64, 0, 0);
+        let mut is_sure = false;
         while let Some(&t) = component.get(at) {
             at += 1;
             let own = is_turned[t as usize] == Some(true);
@@ -56,11 +68,12 @@ pub fn orient_all(triangles: &mut [[u32; 3]]) -> Oriented {
                     Some(is) => after += u64::from(is != wanted),
                 }
                 before += u64::from(!agrees);
+                is_sure |= !agrees && is_known(triangles[t as usize], triangles[other as usize]);
             }
         }
         let is_minority = 2 * turned <= component.len();
         oriented.one_sided += u64::from(after > 0);
-        if after >= before {
+        if after >= before || !is_sure {
             continue;
         }
         for &t in &component {
@@ -162,15 +175,30 @@ mod tests {
     #[test]
     fn the_fewer_are_turned() {
         let right = ball(24);
-        assert_eq!(orient(&mut right.triangles.clone(), right.positions.len()).turned, 0);
+        assert_eq!(
+            orient(&mut right.triangles.clone(), right.positions.len(), |_| false).turned,
+            0
+        );
         for (every, n_turned) in [(7, None), (1, Some(0))] {
             let mut mesh = right.clone();
             mesh.triangles.iter_mut().step_by(every).for_each(|t| t.swap(1, 2));
             let all_over = mesh.triangles.clone();
-            let n = orient(&mut mesh.triangles, mesh.positions.len()).turned;
+            let n = orient(&mut mesh.triangles, mesh.positions.len(), |_| false).turned;
             assert_eq!(n, n_turned.unwrap_or(right.triangles.len().div_ceil(7) as u64));
             let expected = if every == 1 { &all_over } else { &right.triangles };
             assert_eq!(&mesh.triangles, expected);
+        }
+    }
+
+    #[test]
+    fn bodies_that_meet_at_the_border_of_a_cell_are_left() {
+        // Two walls that belong to two bodies; what else there is at the edge 0 - 1, and at 0 - 2 and 1 - 3, other cells have.
+        let walls = [[0, 1, 2], [0, 1, 3], [1, 4, 2], [1, 5, 3]];
+        for (locked, n_turned) in [(6, 0), (0, 2)] {
+            let mut triangles = walls;
+            let oriented = orient_all(&mut triangles, |v| v < locked);
+            assert_eq!(oriented.turned, n_turned);
+            assert_eq!(triangles == walls, n_turned == 0);
         }
     }
 
@@ -186,7 +214,10 @@ mod tests {
         });
         let band = Mesh::new((0..2 * n).map(place).collect(), squares.collect());
         let mut mesh = band.clone();
-        assert_eq!(orient_all(&mut mesh.triangles), Oriented { turned: 0, one_sided: 1 });
+        assert_eq!(
+            orient_all(&mut mesh.triangles, |_| false),
+            Oriented { turned: 0, one_sided: 1 }
+        );
         assert_eq!(mesh.triangles, band.triangles);
     }
 }

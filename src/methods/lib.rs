@@ -60,7 +60,7 @@ impl Made {
         let mesh = &mut self.mesh;
         let n_before = mesh.positions.len().max(1);
         manifold::orient(&mut mesh.triangles, &self.two_sided);
-        orient(&mut mesh.triangles, mesh.positions.len());
+        orient(&mut mesh.triangles, mesh.positions.len(), |_| false);
         let copies = manifold::take_apart(&mesh.positions, &mut mesh.triangles);
         let record_bytes = self.records.len() / n_before;
         for &copied in &copies {

@@ -29,7 +29,7 @@ pub(super) fn load(source: &MeshSource, progress: &Progress) -> Result<LoadedMes
     let Loaded { mesh, n_degenerate, n_bad, .. } = load_with(source, None, 1, progress)?;
     let (positions, mut triangles) = (mesh.positions, mesh.triangles);
     let repeats = drop_repeats(&mut triangles);
-    orient(&mut triangles, positions.len());
+    orient(&mut triangles, positions.len(), |_| false);
     let faults = BTreeMap::from([
         ("degenerate_faces".to_owned(), n_degenerate),
         ("duplicate_faces".to_owned(), repeats.triangles.len() as u64),

@@ -52,10 +52,15 @@ pub struct QualityReport {
     pub sensible_triangles: u64,
 }
 
+/// True if bodies that keep this share of their volume have lost or gained too much.
+pub(super) fn is_off_volume(kept: f64) -> bool {
+    (kept - 1.0).abs() > MOST_OF_VOLUME
+}
+
 impl QualityReport {
     /// Says if closed bodies have come to another volume.
     pub fn is_volume_lost(&self) -> bool {
-        self.volume_kept.is_some_and(|kept| (kept - 1.0).abs() > MOST_OF_VOLUME)
+        self.volume_kept.is_some_and(is_off_volume)
     }
 
     /// The count at which the volume can be expected to stay, if it does not at this one.

@@ -371,6 +371,9 @@ pub struct RunReport {
     /// Edges at which regions of the output are open whose surfaces were closed in the input; absent where there are none.
     #[serde(default, skip_serializing_if = "is_none")]
     pub opened_region_edges: u64,
+    /// Regions of the output whose volume is off by more than a tenth; absent where there are none.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub regions_off_volume: u64,
     /// Trials of `--max-error`; only with that option.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_error: Option<BoundReport>,

@@ -11,16 +11,18 @@ use crate::io::InputPaths;
 use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::{OutputKind, SIDES, StageOptions};
 use crate::measure::compare::{self, Report, Request};
-use crate::measure::labelled_regions::{RegionLimits, regions};
+use crate::measure::labelled_regions::{LabelledRegion, RegionLimits, regions};
 use crate::measure::solid::{self, Solid};
 use crate::measure::{Certify, Options, check};
 use crate::mesh::bounds::Bounds;
 use crate::mesh::face_properties::FacePolicy;
+use crate::pipeline::quality::is_off_volume;
 use crate::pipeline::run_report::{RunReport, StageReport};
 use crate::store::job::Job;
 use crate::store::stage_context::StageContext;
 use crate::system::disk::folder_of;
 use crate::system::progress::Progress;
+use std::collections::HashMap;
 use std::path::Path;
 use std::time::Instant;
 
@@ -117,8 +119,9 @@ pub fn look(config: &Config, run: &StageContext, report: &mut RunReport) -> Resu
     }
     if has_walls(report) && config.trial_of.is_none() && refuse_unreadable(config).is_ok() {
         for output in config.outputs() {
-            let opened = opened_edges(output, config, run)?;
+            let (opened, off) = faulty_regions(output, config, run)?;
             report.opened_region_edges = report.opened_region_edges.max(opened);
+            report.regions_off_volume = report.regions_off_volume.max(off);
         }
     }
     Ok(())
@@ -133,18 +136,36 @@ fn has_walls(report: &RunReport) -> bool {
     SIDES.into_iter().all(is_carried)
 }
 
-/// Counts the edges at which regions are open in an output; 0 if they were not closed in the input either.
-fn opened_edges(output: &Path, config: &Config, run: &StageContext) -> Result<u64> {
+/// A region of this many triangles holds its volume to 2 %.
+const ENOUGH_FOR_VOLUME: u64 = 100;
+
+/// Counts the edges at which regions are open in an output that were closed in the input, and the regions of another volume than there.
+fn faulty_regions(output: &Path, config: &Config, run: &StageContext) -> Result<(u64, u64)> {
     run.job.clear_scratch()?;
     let limits = RegionLimits { temp_dir: run.job.folder(), memory_bytes: run.memory_bytes };
-    let count = |path, read| {
+    let find = |path, read| {
         let found = regions(&open(config, path, read)?, limits, run.progress)?;
-        Ok::<_, Error>(found.map_or(0, |found| found.open_edges))
+        Ok::<_, Error>(found.unwrap_or_default())
     };
-    let open_edges = count(output.into(), ReadOptions::default())?;
-    // Of the input only where something is wrong: it may be large.
-    let were_closed = open_edges > 0 && count(config.input.clone(), config.read_options())? == 0;
-    Ok(if were_closed { open_edges } else { 0 })
+    let after = find(output.into(), ReadOptions::default())?;
+    let are_coarse = after.largest.iter().any(|region| region.triangles < ENOUGH_FOR_VOLUME);
+    // The input only where something may be wrong: it may be large.
+    if after.open_edges == 0 && !are_coarse {
+        return Ok((0, 0));
+    }
+    let before = find(config.input.clone(), config.read_options())?;
+    if before.open_edges > 0 {
+        return Ok((0, 0));
+    }
+    let volumes: HashMap<i64, f64> =
+        after.largest.iter().map(|region| (region.label, region.volume)).collect();
+    let is_off = |region: &&LabelledRegion| {
+        region.triangles >= ENOUGH_FOR_VOLUME
+            && volumes
+                .get(&region.label)
+                .is_some_and(|&volume| is_off_volume(volume / region.volume))
+    };
+    Ok((after.open_edges, before.largest.iter().filter(is_off).count() as u64))
 }
 
 /// Counts what was not to be in an output.

@@ -1,7 +1,9 @@
 //! Walls between regions (`left` and `right`): regions that are closed stay closed, however walls are wound and sheets touch.
 
 use crate::common::{check, expect, run};
+use std::collections::BTreeMap;
 use std::path::Path;
+use stonecut::io::ply::{FaceBlock, MeshSource, VertexBlock};
 
 /// Writes the walls of voxels, each square with its normal along its axis, or the outside in front and the lesser region behind.
 ///
@@ -90,6 +92,28 @@ fn walls_that_are_wound_both_ways_come_out_as_if_they_were_wound_alike() {
 }
 
 #[test]
+fn regions_that_lose_their_volume_end_with_exit_code_3() {
+    let folder = tempfile::tempdir().unwrap();
+    // The eighths of a ball, for which a few triangles each cannot stand.
+    let n = 16;
+    let label = |at: [usize; 3]| {
+        let far: i64 = at.iter().map(|&x| (2 * x as i64 - n as i64 - 1).pow(2)).sum();
+        let half = |k: usize| u32::from(at[k] > n / 2);
+        u32::from(far <= 256) * (1 + half(0) + 2 * half(1) + 4 * half(2))
+    };
+    write_voxels(&folder.path().join("in.ply"), n, true, label);
+    assert_eq!(open_edges(folder.path(), "in.ply").0, 0);
+    for (share, is_off) in [(50, false), (2, true)] {
+        let words = format!("simplify in.ply o.ply --ratio {share}% --force --report r.json");
+        let code = run(folder.path(), &words).status.code();
+        let report = std::fs::read(folder.path().join("r.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+        assert_eq!(report["regions_off_volume"].as_u64().is_some(), is_off, "{share} %");
+        assert!(code == Some(if is_off { 3 } else { 0 }), "{share} %: {code:?}");
+    }
+}
+
+#[test]
 fn regions_that_touch_themselves_along_edges_stay_closed() {
     let folder = tempfile::tempdir().unwrap();
     // Two voxels of region 2 within region 1 that touch along an edge; then three labels at random.
@@ -110,5 +134,93 @@ fn regions_that_touch_themselves_along_edges_stay_closed() {
             assert!(code == Some(0) || name == "noise" && code == Some(3), "{name}: {code:?}");
             assert_eq!(open_edges(folder.path(), "o.ply").0, 0, "{name} to {share} %");
         }
+    }
+}
+
+/// Writes eight boxes of n by n by n squares each that fill a bent cube; each has all of its six sides.
+///
+/// ```text
+///    +---+---+
+///    | 3 | 4 |      between two of them there are two copies of a wall, on the same vertices;
+///    +---+---+      six or eight triangles meet along the edges within
+///    | 1 | 2 |
+///    +---+---+
+/// ```
+fn write_boxes(path: &Path, n: usize) {
+    let m = 2 * n + 1;
+    let vertex = |[x, y, z]: [usize; 3]| (x * m + y) * m + z;
+    let (mut text, mut n_faces) = (String::new(), 0);
+    for part in 0..8 {
+        let first = [part & 1, part >> 1 & 1, part >> 2].map(|k| k * n);
+        for (axis, far) in [(0, 0), (0, n), (1, 0), (1, n), (2, 0), (2, n)] {
+            for k in 0..n * n {
+                let at = |i: usize, j: usize| {
+                    let mut at = first;
+                    at[axis] += far;
+                    at[(axis + 1) % 3] += k / n + i;
+                    at[(axis + 2) % 3] += k % n + j;
+                    vertex(at)
+                };
+                let [a, b, c, d] = [at(0, 0), at(1, 0), at(1, 1), at(0, 1)];
+                for [a, b, c] in [[a, b, c], [a, c, d]] {
+                    let [b, c] = if far == 0 { [c, b] } else { [b, c] };
+                    text += &format!("3 {a} {b} {c}\n");
+                    n_faces += 1;
+                }
+            }
+        }
+    }
+    let mut file = format!("ply\nformat ascii 1.0\nelement vertex {}\n", m * m * m);
+    file += "property double x\nproperty double y\nproperty double z\n";
+    file +=
+        &format!("element face {n_faces}\nproperty list uchar int vertex_indices\nend_header\n");
+    for i in 0..m * m * m {
+        let [x, y, z] = [i / m / m, i / m % m, i % m].map(|x| x as f64 / n as f64);
+        file += &format!("{} {y} {}\n", x + 0.1 * (2.0 * y).sin(), z + 0.1 * (2.0 * x).sin());
+    }
+    std::fs::write(path, file + &text).unwrap();
+}
+
+/// Edges along which more triangles run one way than the other, and the volume.
+fn open_and_volume(path: &Path) -> (usize, f64) {
+    let source = MeshSource::open(path).unwrap();
+    let schema = source.schema();
+    let (mut vertices, mut faces) = (VertexBlock::default(), FaceBlock::default());
+    source.read_vertices(0, &mut vertices).unwrap();
+    source.read_faces(0, &mut faces).unwrap();
+    let records = vertices.records.chunks_exact(schema.record_bytes());
+    let places: Vec<[f64; 3]> = records.map(|record| schema.position(record)).collect();
+    let (mut edges, mut volume) = (BTreeMap::new(), 0.0);
+    for t in &faces.triangles {
+        let [a, b, c] = t.map(|v| places[v as usize]);
+        for [p, q] in [[a, b], [b, c], [c, a]] {
+            let [p, q] = [p, q].map(|p| p.map(f64::to_bits));
+            *edges.entry([p.min(q), p.max(q)]).or_insert(0) += if p < q { 1 } else { -1 };
+        }
+        let [x, y, z] =
+            [0, 1, 2].map(|k| b[(k + 1) % 3] * c[(k + 2) % 3] - b[(k + 2) % 3] * c[(k + 1) % 3]);
+        volume += (a[0] * x + a[1] * y + a[2] * z) / 6.0;
+    }
+    (edges.values().filter(|n| **n != 0).count(), volume)
+}
+
+#[test]
+fn bodies_with_a_copy_each_of_a_wall_stay_closed_through_cells() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_boxes(&path("in.ply"), 12);
+    let (open, before) = open_and_volume(&path("in.ply"));
+    assert_eq!(open, 0);
+    for options in [
+        "50%",
+        "10%",
+        "50% --cell-triangles 1k",
+        "20% --cell-triangles 1k",
+        "10% --cell-triangles 2k",
+    ] {
+        expect(folder.path(), &format!("simplify in.ply o.ply --ratio {options} --force"), 0);
+        let (open, volume) = open_and_volume(&path("o.ply"));
+        assert_eq!(open, 0, "{options}");
+        assert!((volume / before - 1.0).abs() < 0.01, "{options}: {volume} of {before}");
     }
 }

@@ -7,9 +7,9 @@
 
 use crate::surface::Surface;
 use crate::surface::class::Class;
-use crate::surface::junction::are_curves;
 use crate::vertex::GONE;
 use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::curves::are_curves;
 use stonecut_mesh::union_find::Union;
 use stonecut_mesh::vec3::{Vec3, dot, length_sq, scale, sub};
 

@@ -11,24 +11,13 @@ use crate::surface::{MAX_VALENCE, Surface};
 use crate::vertex::GONE;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::corners::others;
+use stonecut_mesh::curves::{MANY, are_curves};
 
 /// At edges of more triangles than this nothing collapses: room for those that vanish.
 pub(crate) const MOST_SHEETS: usize = 7;
-/// Edges that hang together are curves if there are at least this many of them, and as many more for each loose end, or
-/// more than `MANY` of them. On scans such edges are fins of one or two triangles and the edges of doubled patches: of 1,236 groups
-/// in dragon_res2 the largest have 42, 17 and 8 edges, with 12, 7 and 5 loose ends.
-const FEW: usize = 8;
-/// Edges that hang together are curves if they are more than this.
-const MANY: usize = 48;
-
 /// Edges that hang together are curves, however few, if their box has at least this share of the longest side of the whole mesh and
 /// the number of their sheets is odd. Bodies that touch along an edge have an even number.
 pub(crate) const LONG_CURVE: f64 = 0.25;
-
-/// Returns whether this number of connected edges of three or more triangles, with this number of loose ends, makes curves, not noise.
-pub(crate) fn are_curves(n_edges: usize, n_loose: usize) -> bool {
-    n_edges > MANY || n_edges >= FEW * (1 + n_loose)
-}
 
 impl Fan {
     /// After a look at a vertex: true if its triangles form a book; then `ends` are the neighbours along the curve.

@@ -4,7 +4,7 @@
 //! corners always meet in one cell, and each cell can be tidied by itself. Later rounds have nothing to tidy.
 
 use super::cell_mesh::{CellMesh, Dropped};
-use stonecut_mesh::duplicate_triangles::{Going, Repeats, fates, from_least, remove};
+use stonecut_mesh::duplicate_triangles::{Going, Repeats, from_least, remove};
 
 impl CellMesh {
     /// Brings the triangles into the order of their lowest vertex id; those that share it keep their order.
@@ -78,16 +78,7 @@ impl CellMesh {
             keys.sort_unstable();
             found.add(&keys, |i| from_least(triangles[i as usize]));
         }
-        let going = found.that_go(triangles.len(), |reversed, gone| {
-            let turned: Vec<[u32; 3]> = reversed.iter().map(|&i| triangles[i as usize]).collect();
-            let mut is_concerned = vec![false; self.mesh.positions.len()];
-            turned.iter().flatten().for_each(|&v| is_concerned[v as usize] = true);
-            let all = (triangles.iter().enumerate())
-                .filter(|(_, t)| t.iter().filter(|&&v| is_concerned[v as usize]).count() > 1)
-                .filter(|(i, _)| gone.binary_search(&(*i as u32)).is_err())
-                .map(|(_, t)| *t);
-            fates(&turned, triangles.len(), all, |v| !self.shared[v as usize])
-        });
+        let going = found.that_go(triangles, |v| !self.shared[v as usize]);
         remove(&mut self.mesh.triangles, &going.triangles);
         going
     }
@@ -163,6 +154,25 @@ mod tests {
         assert_eq!(cell.mesh.channels, [0.0, 1.0, 2.0, 3.0, 5.0]);
         assert_eq!(cell.mesh.positions[4], [5.0, 0.0, 0.0]);
         assert_eq!(cell.tidy(2), Dropped::default());
+    }
+
+    #[test]
+    fn walls_of_two_bodies_stay_at_the_border_of_a_cell() {
+        // Other cells hold what else there is at its edges.
+        let mut cell = CellMesh {
+            ids: [10, 11, 12].map(GlobalVertex).to_vec(),
+            shared: vec![true; 3],
+            ..CellMesh::default()
+        };
+        cell.mesh = Mesh::new(vec![[0.0; 3]; 3], vec![[0, 1, 2], [0, 2, 1]]);
+        assert_eq!(cell.tidy(0), Dropped::default());
+        assert_eq!(cell.mesh.triangles.len(), 2);
+        // Beside a face that is there twice in a sheet it is one of these.
+        cell.ids.extend([13, 14, 15].map(GlobalVertex));
+        cell.shared.extend([false; 3]);
+        cell.mesh.positions.extend([[0.0; 3]; 3]);
+        cell.mesh.triangles.extend([[3, 4, 5], [3, 5, 4], [4, 3, 0]]);
+        assert_eq!(cell.tidy(0).duplicate_faces, 2);
     }
 
     #[test]
