@@ -206,8 +206,8 @@ fn unbearable_line(quality: &QualityReport) -> String {
     let QualityReport { error_per_edge, share_against, sensible_triangles, .. } = quality;
     if let Some(kept) = quality.volume_kept.filter(|_| quality.is_volume_lost()) {
         return format!(
-            "too few triangles for this scan: its closed bodies have {:.0} % of their volume; ask for at least {} triangles, or \
-             leave --for simulation, --placement and --method out",
+            "too few triangles for this scan: its closed bodies have {:.0} % of their volume; ask for at least {} triangles; \
+             if --for simulation, --placement or --method is given, try without",
             100.0 * kept,
             show_count(*sensible_triangles)
         );

@@ -61,6 +61,28 @@ fn the_place_that_positions_count_from_is_added() {
     }
 }
 
+/// A skin stands where its first joint is, undone by the place where it was bound: its own node does not move it.
+#[test]
+fn a_skin_rests_where_its_joints_are() {
+    let folder = &scratch();
+    let undo = [1.0f32, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -5.0, 0.0, 0.0, 1.0];
+    for (matrices, x) in [(json!(1), 3.0), (Value::Null, 8.0)] {
+        triangle(folder, &undo, |document| {
+            let more =
+                json!({ "bufferView": 1, "componentType": 5126, "count": 1, "type": "MAT4" });
+            document["accessors"].as_array_mut().unwrap().push(more);
+            document["skins"] = json!([{ "joints": [1], "inverseBindMatrices": matrices }]);
+            document["nodes"] = json!([
+                { "mesh": 0, "skin": 0, "scale": [100, 100, 100] },
+                { "translation": [8, 0, 0] },
+            ]);
+            document["scenes"] = json!([{ "nodes": [0, 1] }]);
+        });
+        let (_, points, _) = shown(folder, "in.gltf");
+        assert_eq!(points, [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x, 1.0, 0.0]]);
+    }
+}
+
 #[test]
 fn a_tileset_without_a_mesh_is_named() {
     let folder = &scratch();

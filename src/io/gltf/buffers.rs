@@ -124,6 +124,7 @@ impl<'a> Buffers<'a> {
             "VEC2" => 2,
             "VEC3" => 3,
             "VEC4" => 4,
+            "MAT4" => 16,
             other => return Err(bad(format!("type '{other}' is not expected here"))),
         };
         if !n.contains(&n_numbers) {

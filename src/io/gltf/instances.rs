@@ -1,9 +1,9 @@
-//! All meshes of a glTF scene in their places: those of nodes, once for each instance (`EXT_mesh_gpu_instancing`), moved
-//! to where the file counts from (`CESIUM_RTC`).
+//! All meshes of a glTF scene in their places: those of nodes, once for each instance (`EXT_mesh_gpu_instancing`), those of skins
+//! where their joints are, moved to where the file counts from (`CESIUM_RTC`).
 
 use super::buffers::Buffers;
 use super::elements::{BLOCK, Elements};
-use super::json::{Document, Instances};
+use super::json::{Document, Instances, Skeleton};
 use super::scene::{MAX_PLACED, NodePlacement, Placed, placed};
 use crate::ply::raw::RawFile;
 use stonecut_system::error::Result;
@@ -18,7 +18,7 @@ pub(super) fn all_placed(
     document: &Document,
     (buffers, turns_up): (&mut Buffers, bool),
 ) -> Result<Vec<Placed>> {
-    let nodes = placed(file, document)?;
+    let (nodes, places) = placed(file, document)?;
     // It counts in the axes of 3D Tiles, after y upwards has become z upwards (Cesium's readers do so; the extension's text is
     // silent). Where the axes stay as they are, so does it.
     let center = document.extensions.rtc.as_ref().map(|rtc| match (turns_up, rtc.center) {
@@ -27,6 +27,11 @@ pub(super) fn all_placed(
     });
     let mut out = Vec::with_capacity(nodes.len());
     for Placed { mesh, node, at } in nodes {
+        let skin = document.nodes[node].skin.and_then(|skin| document.skins.get(skin));
+        let at = match skin {
+            Some(skin) => at_rest(skin, &places, buffers)?.unwrap_or(at),
+            None => at,
+        };
         let at = center.map_or(at, |center| at.moved(center));
         match document.nodes.get(node).and_then(|node| node.extensions.instances.as_ref()) {
             None => out.push(Placed { mesh, node, at }),
@@ -40,6 +45,20 @@ pub(super) fn all_placed(
         }
     }
     Ok(out)
+}
+
+/// The place of a skin at rest: where its first joint has it. The node that names it does not move it (glTF 2.0, section 3.7.3.3).
+fn at_rest(
+    skin: &Skeleton,
+    places: &[Option<NodePlacement>],
+    buffers: &mut Buffers,
+) -> Result<Option<NodePlacement>> {
+    let first = skin.joints.first().and_then(|&joint| places.get(joint).copied().flatten());
+    let (Some(joint), Some(number)) = (first, skin.inverse_bind_matrices) else { return Ok(first) };
+    let (mut bytes, mut rows) = (Vec::new(), Vec::new());
+    buffers.accessor(number, &[16])?.read(0, &mut bytes, &mut rows)?;
+    let inverse = rows.first_chunk().map(NodePlacement::of_matrix);
+    Ok(inverse.map_or(first, |inverse| Some(inverse.inside(&joint))))
 }
 
 /// Places of the instances of a node, seen from the node.

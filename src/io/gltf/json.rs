@@ -28,6 +28,7 @@ pub(super) struct Document {
     pub(super) samplers: Vec<Sampler>,
     pub(super) scene: Option<usize>,
     pub(super) scenes: Vec<Scene>,
+    pub(super) skins: Vec<Skeleton>,
     pub(super) textures: Vec<Texture>,
 }
 
@@ -198,6 +199,14 @@ pub(super) struct Node {
     pub(super) extensions: NodeExtensions,
     #[serde(deserialize_with = "known_extras")]
     pub(super) extras: NodeExtras,
+}
+
+/// Nodes that move vertices, and the accessor of the matrices that undo their places where the mesh was made.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Skeleton {
+    pub(super) joints: Vec<usize>,
+    pub(super) inverse_bind_matrices: Option<usize>,
 }
 
 /// Notes of this program with a node.

@@ -27,7 +27,7 @@ pub(super) fn enter(document: &Document, placed: &[Placed], out: &mut Materials)
         }
     };
     let is_skinned = document.nodes.iter().any(|node| node.skin.is_some());
-    let why = "the mesh is read as it rests";
+    let why = "the mesh is read as it rests, a skin as its first joint has it";
     let moves = is_skinned || !document.animations.is_empty();
     lose(Loss::new(LossKind::Elements, "skins and animations", why), usize::from(moves));
     let cameras = Loss::new(LossKind::Elements, "cameras", "not carried").notice();

@@ -30,16 +30,20 @@ impl NodePlacement {
 
     /// The local placement of a node.
     fn of(node: &Node) -> NodePlacement {
-        if let Some(m) = node.matrix {
-            // Columns come one after another.
-            let rows = [0, 1, 2].map(|r| [0, 1, 2].map(|c| m[4 * c + r]));
-            return NodePlacement { rows, shift: [m[12], m[13], m[14]] };
+        if let Some(m) = &node.matrix {
+            return NodePlacement::of_matrix(m);
         }
         NodePlacement::new(
             node.translation.unwrap_or_default(),
             node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]),
             node.scale.unwrap_or([1.0; 3]),
         )
+    }
+
+    /// The placement of a matrix whose columns come one after another.
+    pub(super) fn of_matrix(m: &[f64; 16]) -> NodePlacement {
+        let rows = [0, 1, 2].map(|r| [0, 1, 2].map(|c| m[4 * c + r]));
+        NodePlacement { rows, shift: [m[12], m[13], m[14]] }
     }
 
     /// Scaled, then turned by a quaternion, then shifted.
@@ -99,8 +103,12 @@ impl NodePlacement {
     }
 }
 
-/// All meshes of the scene, in the order of the nodes; without scenes, all nodes that no node has as a child.
-pub(super) fn placed(file: &RawFile, document: &Document) -> Result<Vec<Placed>> {
+/// All meshes of the scene, in the order of the nodes; without scenes, all nodes that no node has as a child. And the places of all
+/// nodes of the scene.
+pub(super) fn placed(
+    file: &RawFile,
+    document: &Document,
+) -> Result<(Vec<Placed>, Vec<Option<NodePlacement>>)> {
     let nodes = &document.nodes;
     let roots: Vec<usize> = match document.scenes.get(document.scene.unwrap_or(0)) {
         Some(scene) => scene.nodes.clone(),
@@ -115,7 +123,7 @@ pub(super) fn placed(file: &RawFile, document: &Document) -> Result<Vec<Placed>>
             (0..nodes.len()).filter(|&i| !is_child[i]).collect()
         }
     };
-    let mut seen = vec![false; nodes.len()];
+    let mut places = vec![None; nodes.len()];
     let mut open: Vec<(usize, NodePlacement)> =
         roots.into_iter().rev().map(|root| (root, NodePlacement::NONE)).collect();
     let mut out = Vec::new();
@@ -123,12 +131,12 @@ pub(super) fn placed(file: &RawFile, document: &Document) -> Result<Vec<Placed>>
         let Some(node) = nodes.get(number) else {
             return Err(file.bad(format!("node {number}, which the scene names, does not exist")));
         };
-        if std::mem::replace(&mut seen[number], true) {
+        let at = NodePlacement::of(node).inside(&outer);
+        if places[number].replace(at).is_some() {
             return Err(file.bad(format!(
                 "node {number} has two parents or is part of a circle; glTF wants a tree"
             )));
         }
-        let at = NodePlacement::of(node).inside(&outer);
         if let Some(mesh) = node.mesh {
             out.push(Placed { mesh, node: number, at });
         }
@@ -137,7 +145,7 @@ pub(super) fn placed(file: &RawFile, document: &Document) -> Result<Vec<Placed>>
         }
         open.extend(node.children.iter().rev().map(|&child| (child, at)));
     }
-    Ok(out)
+    Ok((out, places))
 }
 
 #[cfg(test)]
@@ -152,7 +160,7 @@ mod tests {
         ]}"#;
         let document: Document = serde_json::from_str(text).unwrap();
         let file = RawFile::from_bytes("a.gltf", Vec::new());
-        let placed = placed(&file, &document).unwrap();
+        let (placed, _) = placed(&file, &document).unwrap();
         let point = placed[0].at.point([1.0, 0.0, 1.0]);
         let wanted = [1.0, 2.0, -2.0];
         assert!(point.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-12), "{point:?}");

@@ -264,6 +264,7 @@ impl Driver {
             let filled = FilledHoles {
                 holes: before.holes + filled.holes,
                 triangles: before.triangles + filled.triangles,
+                attempts: before.attempts + filled.attempts,
             };
             self.changes.filled = Some((filled, OpenHoles::default()));
             if let Some(crossings) = &mut self.crossings {

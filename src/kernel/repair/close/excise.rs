@@ -5,7 +5,7 @@
 //! from what was cut out, all stays as it was: two bodies that cross are not a slip of a scan, and cutting at them would take them away.
 
 use super::rims::{self, Rim, parents};
-use super::{FIRST, FilledHoles, MOST_MOVED, bounds, fill, fill_outwards};
+use super::{FilledHoles, MOST_MOVED, bounds, fill};
 use crate::crossing::Crossings;
 use crate::simd::Simd;
 use crate::state::MeshState;
@@ -20,8 +20,10 @@ use stonecut_mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub, triangle
 /// Rings of triangles around what is wrong that are cut out at most, and triangles: one in a hundred between these numbers.
 const MOST_RINGS: usize = 8;
 const MOST_TRIANGLES: [u64; 2] = [400, 4000];
-/// Places of either kind that could not be closed, after which no more are tried: each takes the time of many fillings.
+/// Places of either kind that could not be closed, after which no more are tried, and the fillings that count as one: each takes the
+/// time of hundreds.
 const MOST_LEFT: u64 = 200;
+const FILLINGS: u64 = 50;
 /// Distance between what is cut out and what it is closed with, at most, as a share of the surface's extent, where triangles meet and
 /// around holes.
 const MOST_LOST: [f64; 2] = [0.03, 0.08];
@@ -102,7 +104,7 @@ pub(crate) fn excise(
     {
         let cut = work.cut_around(&pair);
         excised.pairs += u64::from(cut == Cut::Closed);
-        n_left += cut.weight();
+        n_left += work.weight(cut);
         if n_left >= MOST_LEFT {
             break;
         }
@@ -123,7 +125,7 @@ pub(crate) fn excise(
             let around: Vec<u32> = around.into_iter().collect();
             let cut = work.cut_around(&around);
             excised.holes += u64::from(cut == Cut::Closed);
-            n_left += cut.weight();
+            n_left += work.weight(cut);
         }
     }
     excised.triangles = work.n_cut;
@@ -157,17 +159,6 @@ enum Cut {
     Far,
 }
 
-impl Cut {
-    /// Counts towards [`MOST_LEFT`]: bodies that cross have many such places.
-    fn weight(self) -> u64 {
-        match self {
-            Cut::Closed => 0,
-            Cut::Open => 1,
-            Cut::Far => 20,
-        }
-    }
-}
-
 struct Work<'a> {
     state: &'a mut MeshState,
     crossings: &'a mut Crossings,
@@ -179,6 +170,8 @@ struct Work<'a> {
     /// A filling of a hole lies where nothing was.
     is_hole: bool,
     n_cut: u64,
+    /// Fillings that were tried at the place.
+    attempts: u64,
 }
 
 /// The surface around a cut before it was made.
@@ -198,11 +191,21 @@ impl<'a> Work<'a> {
         simd: Simd,
     ) -> Self {
         let extent = bounds(&state.surface).diagonal();
-        Work { state, crossings, size, simd, extent, volume, is_hole: false, n_cut: 0 }
+        Work { state, crossings, size, simd, extent, volume, is_hole: false, n_cut: 0, attempts: 0 }
+    }
+
+    /// Of a place, towards [`MOST_LEFT`]: bodies that cross have many such places.
+    fn weight(&self, cut: Cut) -> u64 {
+        match cut {
+            Cut::Closed => 0,
+            Cut::Open => (self.attempts / FILLINGS).max(1),
+            Cut::Far => 20,
+        }
     }
 
     /// Cuts out triangles and rings around them until what is left can be closed.
     fn cut_around(&mut self, seeds: &[u32]) -> Cut {
+        self.attempts = 0;
         let mut part: BTreeSet<u32> = seeds.iter().copied().collect();
         for _ in 0..MOST_RINGS {
             self.crossings.take_met();
@@ -336,18 +339,14 @@ impl<'a> Work<'a> {
         rims.sort_by(|a, b| b.area().total_cmp(&a.area()).then(a.ring.cmp(&b.ring)));
         let parent = parents(&self.state.surface, &rims);
         let mut filled = FilledHoles::default();
-        (0..rims.len()).filter(|&i| parent[i].is_none()).all(|i| {
+        let is_closed = (0..rims.len()).filter(|&i| parent[i].is_none()).all(|i| {
             let inner: Vec<&Rim> =
                 (i + 1..rims.len()).filter(|&k| parent[k] == Some(i)).map(|k| &rims[k]).collect();
-            fill(self.state, self.crossings, (&rims[i], &inner), FIRST, &mut filled)
-                || fill_outwards(
-                    self.state,
-                    self.crossings,
-                    (&rims[i], &inner),
-                    MOST_MOVED * self.extent,
-                    &mut filled,
-                )
-        })
+            let most = MOST_MOVED * self.extent;
+            fill(self.state, self.crossings, (&rims[i], &inner), most, &mut filled)
+        });
+        self.attempts += filled.attempts;
+        is_closed
     }
 
     /// Puts everything back to where it was.

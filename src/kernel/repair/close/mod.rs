@@ -15,7 +15,7 @@ use crate::state::MeshState;
 use crate::state::recompute::recompute_vertices;
 use crate::surface::Surface;
 use crate::vertex::GONE;
-use polygon::Forbidden;
+use polygon::{Forbidden, LeastWeights};
 use rims::{Rim, parents, place};
 use std::collections::BTreeSet;
 use stonecut_mesh::bounds::Bounds;
@@ -41,6 +41,8 @@ const MOST_MOVED: f64 = 0.01;
 pub(crate) struct FilledHoles {
     pub(crate) holes: u64,
     pub(crate) triangles: u64,
+    /// Fillings that were tried.
+    pub(crate) attempts: u64,
 }
 
 /// Holes that are open.
@@ -49,7 +51,7 @@ pub(crate) struct OpenHoles {
     pub(crate) holes: u64,
     /// Of these, the larger ones.
     pub(crate) large: u64,
-    /// Parts of holes that end at vertices of other cells or at others that are held.
+    /// LeastWeights of holes that end at vertices of other cells or at others that are held.
     pub(crate) parts: u64,
 }
 
@@ -78,15 +80,13 @@ pub(crate) fn close(state: &mut MeshState, size: f64, yields: bool, simd: Simd) 
     for (i, rim) in rims.iter().enumerate().filter(|&(i, _)| parent[i].is_none()) {
         let inner: Vec<&Rim> =
             (i + 1..rims.len()).filter(|&k| parent[k] == Some(i)).map(|k| &rims[k]).collect();
-        if fill(state, &mut crossings, (rim, &inner), FIRST, &mut filled)
-            || fill_outwards(state, &mut crossings, (rim, &inner), most, &mut filled)
-        {
+        if fill(state, &mut crossings, (rim, &inner), most, &mut filled) {
             filled.holes += 1 + inner.len() as u64;
             continue;
         }
         // Each alone, where all together does not do.
         for rim in inner {
-            filled.holes += u64::from(fill(state, &mut crossings, (rim, &[]), FIRST, &mut filled));
+            filled.holes += u64::from(fill(state, &mut crossings, (rim, &[]), 0.0, &mut filled));
         }
     }
     let mut touched: Vec<u32> = rims.into_iter().flat_map(|rim| rim.ring).collect();
@@ -105,15 +105,25 @@ fn bounds(surface: &Surface) -> Bounds {
     bounds
 }
 
-/// Fills one loop around others once all of them have moved outwards, by at most this length, where no triangle at them comes to
-/// meet others by that; else they stay where they are.
-fn fill_outwards(
+/// Fills one loop around others; false if that cannot be without passing through the surface. Where it cannot, all of them may move
+/// outwards by at most this length, if no triangle at them comes to meet others by that.
+fn fill(
     state: &mut MeshState,
     crossings: &mut Crossings,
     (rim, inner): (&Rim, &[&Rim]),
     most: f64,
     filled: &mut FilledHoles,
 ) -> bool {
+    let Some(ring) = polygon::bridged(&state.surface, rim, inner) else { return false };
+    let mut polygon = BridgedLoop { ring, rim, parts: None };
+    if polygon.fill(state, crossings, FIRST, filled) {
+        return true;
+    }
+    let steps = STEPS_OUT.map(|share| share * rim.size).into_iter();
+    let mut steps = steps.take_while(|step| *step <= most && rim.area() > 0.0).peekable();
+    if steps.peek().is_none() {
+        return false;
+    }
     let corners: Vec<u32> =
         [rim].iter().chain(inner).flat_map(|rim| rim.ring.iter().copied()).collect();
     let places: Vec<Vec3> = corners.iter().map(|&v| place(&state.surface, v)).collect();
@@ -122,15 +132,14 @@ fn fill_outwards(
     around.sort_unstable();
     around.dedup();
     let n_met = crossings.before(&state.surface, &around);
-    let steps = STEPS_OUT.map(|share| share * rim.size).into_iter();
-    for step in steps.take_while(|step| *step <= most && rim.area() > 0.0) {
+    for step in steps {
         for (&v, &from) in corners.iter().zip(&places) {
             let to = add_vec(from, scale(rim.normal, step / rim.area()));
             state.surface.vertices[v as usize].position = state.surface.rounded(to);
         }
         crossings.moved(&state.surface, &around);
         if crossings.before(&state.surface, &around) <= n_met
-            && fill(state, crossings, (rim, inner), LAST, filled)
+            && polygon.fill(state, crossings, LAST, filled)
         {
             return true;
         }
@@ -142,36 +151,48 @@ fn fill_outwards(
     false
 }
 
-/// Fills one loop around others; false if that cannot be without passing through the surface.
-fn fill(
-    state: &mut MeshState,
-    crossings: &mut Crossings,
-    (rim, inner): (&Rim, &[&Rim]),
-    effort: Effort,
-    filled: &mut FilledHoles,
-) -> bool {
-    let surface = &state.surface;
-    let Some(ring) = polygon::bridged(surface, rim, inner) else { return false };
-    let mut forbidden = Forbidden::new();
-    for _ in 0..effort.attempts {
-        let triangles = match ring[..] {
-            [a, b, c] => {
-                Some(vec![[a, b, c]]).filter(|t| !forbidden.contains(&polygon::sorted(t[0])))
+/// A loop, with a way to each of those within it and back, and the parts of it, once they are known.
+struct BridgedLoop<'a> {
+    ring: Vec<u32>,
+    rim: &'a Rim,
+    parts: Option<LeastWeights>,
+}
+
+impl BridgedLoop<'_> {
+    /// Fills it where it lies now; false if that cannot be without passing through the surface.
+    fn fill(
+        &mut self,
+        state: &mut MeshState,
+        crossings: &mut Crossings,
+        effort: Effort,
+        filled: &mut FilledHoles,
+    ) -> bool {
+        let BridgedLoop { ring, rim, parts } = self;
+        let surface = &state.surface;
+        let mut forbidden = Forbidden::new();
+        let mut parts = (3 < ring.len() && ring.len() <= effort.most_by_area)
+            .then(|| parts.get_or_insert_with(|| LeastWeights::new(surface, ring)).clone());
+        for _ in 0..effort.attempts {
+            filled.attempts += 1;
+            let triangles = match (&ring[..], &mut parts) {
+                (&[a, b, c], _) => {
+                    Some(vec![[a, b, c]]).filter(|t| !forbidden.contains(&polygon::sorted(t[0])))
+                }
+                (_, Some(parts)) => polygon::by_area(ring, &forbidden, parts),
+                (_, None) => polygon::by_ears(surface, ring, rim, &forbidden),
+            };
+            let Some(triangles) = triangles.filter(|t| is_sound(surface, t)) else { break };
+            if let Some(bad) = crossings.first_to_meet(surface, &triangles) {
+                forbidden.insert(polygon::sorted(triangles[bad]));
+                continue;
             }
-            _ if ring.len() <= effort.most_by_area => polygon::by_area(surface, &ring, &forbidden),
-            _ => polygon::by_ears(surface, &ring, rim, &forbidden),
-        };
-        let Some(triangles) = triangles.filter(|t| is_sound(surface, t)) else { break };
-        if let Some(bad) = crossings.first_to_meet(surface, &triangles) {
-            forbidden.insert(polygon::sorted(triangles[bad]));
-            continue;
+            filled.triangles += triangles.len() as u64;
+            add(state, &triangles);
+            crossings.extend(&state.surface);
+            return true;
         }
-        filled.triangles += triangles.len() as u64;
-        add(state, &triangles);
-        crossings.extend(&state.surface);
-        return true;
+        false
     }
-    false
 }
 
 /// True if no side is there twice the same way round, here or in the surface.

@@ -5,7 +5,7 @@
 use crate::repair::close::rims::{Rim, place};
 use crate::surface::Surface;
 use std::collections::BTreeSet;
-use stonecut_mesh::vec3::{cross, length_sq, sub};
+use stonecut_mesh::vec3::{Vec3, cross, length_sq, sub};
 
 /// Weight of the squared lengths of a triangle's sides against its area: in a plane all areas are the same, and short sides decide.
 const SHAPE: f64 = 1e-3;
@@ -54,52 +54,100 @@ pub(super) fn bridged(surface: &Surface, rim: &Rim, inner: &[&Rim]) -> Option<Ve
 
 /// Returns whether a polygon may have a side between two of its corners that are not neighbours.
 fn may_join(surface: &Surface, ring: &[u32], i: usize, k: usize) -> bool {
-    // A bridge is there twice already.
-    let n = ring.len();
     let (a, b) = (ring[i], ring[k]);
-    let is_side = |at: usize| [[a, b], [b, a]].contains(&[ring[at], ring[(at + 1) % n]]);
-    !are_joined(surface, a, b) && !(0..n).any(is_side)
+    // A bridge is there twice already.
+    let mut sides = ring.iter().zip(ring.iter().cycle().skip(1));
+    !are_joined(surface, a, b) && !sides.any(|(&v, &w)| [v, w] == [a, b] || [v, w] == [b, a])
 }
 
-/// Cuts a polygon into the triangles of least area that run as it does; `None` if that cannot be.
+/// The least weights of the parts of a polygon, from one corner to another.
+#[derive(Clone)]
+pub(super) struct LeastWeights {
+    places: Vec<Vec3>,
+    /// Of the part between two corners, a row for either of them.
+    weights: Vec<f64>,
+    /// The corner between the two that it comes from, in the row of the first.
+    middles: Vec<u32>,
+}
+
+impl LeastWeights {
+    /// While every triangle may be made. Moving the polygon as a whole does not change them.
+    pub(super) fn new(surface: &Surface, ring: &[u32]) -> Self {
+        let n = ring.len();
+        let mut weights = vec![f64::INFINITY; n * n];
+        for i in 1..n {
+            (weights[(i - 1) * n + i], weights[i * n + i - 1]) = (0.0, 0.0);
+        }
+        let places = ring.iter().map(|&v| place(surface, v)).collect();
+        let mut parts = LeastWeights { places, weights, middles: vec![0; n * n] };
+        for length in 2..n {
+            for i in 0..n - length {
+                if length == n - 1 || may_join(surface, ring, i, i + length) {
+                    parts.look(ring, (i, i + length), &Forbidden::new());
+                }
+            }
+        }
+        parts
+    }
+
+    /// Finds the least weight of the part from one corner to another and the corner between that it comes from.
+    fn look(&mut self, ring: &[u32], (i, k): (usize, usize), forbidden: &Forbidden) {
+        let n = ring.len();
+        let (weight, middle) = self.least(ring, (i, k), forbidden);
+        (self.weights[i * n + k], self.weights[k * n + i]) = (weight, weight);
+        self.middles[i * n + k] = middle;
+    }
+
+    /// The least weight of the part from one corner to another and the corner between that it comes from.
+    fn least(&self, ring: &[u32], (i, k): (usize, usize), forbidden: &Forbidden) -> (f64, u32) {
+        let n = ring.len();
+        let [row, other] = [i, k].map(|at| &self.weights[at * n + i + 1..at * n + k]);
+        let mut least = (f64::INFINITY, 0);
+        for ((&before, &after), m) in row.iter().zip(other).zip(i + 1..) {
+            let parts = before + after;
+            if parts >= least.0 {
+                continue;
+            }
+            let [a, b, c] = [i, m, k].map(|at| self.places[at]);
+            let sides = [sub(b, a), sub(c, b), sub(a, c)];
+            let area = length_sq(cross(sides[0], sides[1])).sqrt();
+            let weight = parts + area + SHAPE * sides.into_iter().map(length_sq).sum::<f64>();
+            let corners = [ring[i], ring[m], ring[k]];
+            if weight < least.0 && area > 0.0 && !forbidden.contains(&sorted(corners)) {
+                least = (weight, m as u32);
+            }
+        }
+        least
+    }
+}
+
+/// Cuts a polygon into the triangles of least area that run as it does; `None` if that cannot be. The parts are kept from one attempt
+/// to the next, which forbids more triangles: only parts that had one of them weigh more then.
 pub(super) fn by_area(
-    surface: &Surface,
     ring: &[u32],
     forbidden: &Forbidden,
+    parts: &mut LeastWeights,
 ) -> Option<Vec<[u32; 3]>> {
     let n = ring.len();
-    let at = |i: usize| place(surface, ring[i]);
-    // The least weight from one corner to another, and the corner between that it comes from.
-    let mut best = vec![(f64::INFINITY, 0usize); n * n];
-    (0..n - 1).for_each(|i| best[i * n + i + 1].0 = 0.0);
+    let mut is_heavier = vec![false; n * n];
     for length in 2..n {
         for i in 0..n - length {
             let k = i + length;
-            if length < n - 1 && !may_join(surface, ring, i, k) {
-                continue;
+            let m = parts.middles[i * n + k] as usize;
+            let has_heavier = is_heavier[i * n + m] || is_heavier[m * n + k];
+            if parts.weights[i * n + k].is_finite()
+                && (has_heavier || forbidden.contains(&sorted([ring[i], ring[m], ring[k]])))
+            {
+                parts.look(ring, (i, k), forbidden);
+                is_heavier[i * n + k] = true;
             }
-            let mut least = (f64::INFINITY, 0);
-            for m in i + 1..k {
-                let parts = best[i * n + m].0 + best[m * n + k].0;
-                if parts >= least.0 {
-                    continue;
-                }
-                let sides = [sub(at(m), at(i)), sub(at(k), at(m)), sub(at(i), at(k))];
-                let area = length_sq(cross(sides[0], sides[1])).sqrt();
-                let weight = parts + area + SHAPE * sides.into_iter().map(length_sq).sum::<f64>();
-                let corners = [ring[i], ring[m], ring[k]];
-                if weight < least.0 && area > 0.0 && !forbidden.contains(&sorted(corners)) {
-                    least = (weight, m);
-                }
-            }
-            best[i * n + k] = least;
         }
     }
     let mut triangles = Vec::with_capacity(n - 2);
     let mut open = vec![(0, n - 1)];
-    while let Some((i, k)) = open.pop().filter(|_| best[n - 1].0.is_finite()) {
+    while let Some((i, k)) = open.pop().filter(|_| parts.weights[n - 1].is_finite()) {
         if k > i + 1 {
-            let m = best[i * n + k].1;
+            let m = parts.middles[i * n + k] as usize;
             triangles.push([ring[i], ring[m], ring[k]]);
             open.extend([(i, m), (m, k)]);
         }
