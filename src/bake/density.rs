@@ -15,6 +15,16 @@ pub(super) struct Density {
 /// Texels for a pixel of the images at most: an image that repeats a hundred times is not wanted as often.
 pub(super) const MOST_TEXELS: f64 = 4.0;
 
+/// Points for a side of a texel: one where the page is as dense as the original's images, more where these are denser.
+/// Beyond, smaller sizes of them are read.
+const SIDES: [u32; 2] = [1, 2];
+
+/// Pixels of the original between points at most.
+const MOST_APART: [f64; 2] = [1.1, 0.75];
+
+/// Points for a side of a texel without images.
+const PLAIN_SIDE: u32 = 2;
+
 /// Area that each image covers, by the density of its pixels there.
 #[derive(Default)]
 pub(super) struct ImageDensities(BTreeMap<(usize, i32), Sum>);
@@ -96,6 +106,15 @@ impl Densities {
         let most = MOST_TEXELS * n_pixels as f64 / all;
         (texels / area).min(most).sqrt()
     }
+}
+
+/// Points for a side of a texel of pages of `texels_per_unit`.
+pub(super) fn points_of_side(of_images: Option<f64>, texels_per_unit: f64) -> u32 {
+    let Some(of_images) = of_images else { return PLAIN_SIDE };
+    let ratio = of_images / texels_per_unit;
+    let is_enough = |(side, most): &(u32, f64)| ratio <= most * f64::from(*side);
+    let side = SIDES.into_iter().zip(MOST_APART).find(is_enough);
+    side.map_or(SIDES[SIDES.len() - 1], |(side, _)| side)
 }
 
 #[cfg(test)]

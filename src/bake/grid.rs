@@ -10,6 +10,12 @@ pub(super) fn area(t: &[[f32; 2]; 3]) -> f64 {
     0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs()
 }
 
+/// The length of the longest edge.
+pub(super) fn longest([a, b, c]: &[[f64; 2]; 3]) -> f64 {
+    let length_sq = |p: &[f64; 2], q: &[f64; 2]| (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2);
+    length_sq(a, b).max(length_sq(b, c)).max(length_sq(c, a)).sqrt()
+}
+
 /// Calls `each` with the points of a grid of `side` by `side` points a texel that lie in a triangle, and their
 /// barycentric coordinates, in the texels of some rows.
 pub(super) fn each_point(

@@ -24,9 +24,12 @@ mod page_kind;
 mod pages;
 mod patches;
 mod projected;
+mod same;
 mod sectors;
 mod settings;
 mod sheets;
+mod side;
+mod spots;
 mod texels;
 mod tiles;
 mod vertex_colours;
@@ -44,6 +47,7 @@ use pages::Canvas;
 use serde::{Deserialize, Serialize};
 use settings::NormalReport;
 pub use settings::{BakeReport, Corner, MapReport, Means, NormalSource, Options, TANGENT_BYTES};
+use sheets::Canvases;
 use std::path::{Path, PathBuf};
 use stonecut_io::materials::MapKind;
 use stonecut_io::ply::MeshSource;
@@ -54,7 +58,6 @@ use stonecut_render::texture::{ImageCache, SEEN, SURFACE};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::memory::BASE_BYTES;
 use stonecut_system::units::{memory_word, show_bytes};
-use texels::Canvases;
 pub use tiles::{
     IN_TEXTURE, Photographs, TilePainter, TilePicture, TilesNeed, check_tiles, least_for_tiles,
 };
@@ -169,12 +172,12 @@ pub fn bake(
         surface: canvas(has_surface)?,
     };
     // Directions have two points for a side at least: what they leave out shows as noise in highlights.
-    let side = texels::points_of_side(density.of_images, charts.texels_per_unit)
+    let side = density::points_of_side(density.of_images, charts.texels_per_unit)
         .max(1 + u32::from(options.normals));
     let mut cache = ImageCache::new(&palette, free_bytes / IMAGE_SHARE);
     cache.halve(|image| original.halvings(image, f64::from(side) * charts.texels_per_unit));
     let seen = texels::fill(
-        &texels::Scene {
+        &spots::Scene {
             mesh: &mesh,
             charts: &charts,
             normals: &normals,
@@ -182,6 +185,8 @@ pub fn bake(
             palette: &palette,
             images: &cache,
             side,
+            looks: 1,
+            same_within: None,
             batch_bytes: free_bytes / POINT_SHARE,
             threads: means.threads,
             progress,

@@ -5,7 +5,9 @@
 //! wall, the nearest place that faces it is taken instead, if that is not much farther.
 
 use super::original::{Cell, Hit, Original};
+use super::side::Side;
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::Arc;
 use stonecut_measure::tree::{Nearest, Tree};
 use stonecut_measure::triangle::{self, Vector};
@@ -15,7 +17,7 @@ use stonecut_system::error::Result;
 use stonecut_system::parallel::in_order;
 use stonecut_system::progress::Progress;
 
-/// Points that are held against the boxes together.
+/// Points, or patches, that are held against the boxes together.
 const RUN: usize = 256;
 
 /// Points that a thread takes at a time.
@@ -31,6 +33,10 @@ pub(super) trait Seekers: Sync {
     fn normal(&self, i: usize) -> Vector;
     /// A place that faces the point may be this much farther than the nearest one.
     fn grace(&self, i: usize) -> f64;
+    /// Ways of a texel along the axes of the point's page, of points that look around; zeros otherwise.
+    fn steps(&self, _i: usize) -> [Vector; 2] {
+        [[0.0; 3]; 2]
+    }
 }
 
 /// Some of many points.
@@ -58,6 +64,10 @@ impl<S: Seekers> Seekers for Subset<'_, S> {
 
     fn grace(&self, i: usize) -> f64 {
         self.of.grace(self.numbers[i] as usize)
+    }
+
+    fn steps(&self, i: usize) -> [Vector; 2] {
+        self.of.steps(self.numbers[i] as usize)
     }
 }
 
@@ -153,7 +163,8 @@ impl Original {
                             let nearest = search.run(&cell.tree, point, normal, most, slot);
                             if nearest.is_found() {
                                 slot = nearest.slot;
-                                let face = self.face(cell, slot, normal);
+                                let side = Side { normal, steps: seekers.steps(i) };
+                                let face = self.face(cell, slot, &side);
                                 let found = triangle::closest(point, cell.tree.corners(slot));
                                 let found = (nearest.distance_sq, found.1);
                                 out.push((query, self.hit(cell, &face, found)));
@@ -178,8 +189,39 @@ impl Original {
         Ok(())
     }
 
+    /// Numbers of the cells whose boxes meet those of patches.
+    pub(super) fn cells_around(
+        &self,
+        seekers: &impl Seekers,
+        patches: &[Range<usize>],
+    ) -> Vec<usize> {
+        let mut is_near = vec![false; self.boxes.len()];
+        for run in patches.chunks(RUN) {
+            let mut all = Bounds::EMPTY;
+            let around = |patch: &Range<usize>| {
+                let mut around = Bounds::EMPTY;
+                // The first and the last point, and some between them: the rest is not far.
+                patch.clone().step_by(64).for_each(|i| around.add(seekers.point(i)));
+                all = all.joined(&around);
+                around
+            };
+            let around: Vec<Bounds> = run.iter().map(around).collect();
+            for (is_near, own) in is_near.iter_mut().zip(&self.boxes) {
+                *is_near = *is_near
+                    || own.gap_sq(&all) <= 0.0
+                        && around.iter().any(|around| own.gap_sq(around) <= 0.0);
+            }
+        }
+        (0..is_near.len()).filter(|&cell| is_near[cell]).collect()
+    }
+
     /// For each cell the points that may find their place there.
-    fn lists(&self, n: usize, point: impl Fn(usize) -> Vector, reach: Reach) -> Vec<Vec<u32>> {
+    pub(super) fn lists(
+        &self,
+        n: usize,
+        point: impl Fn(usize) -> Vector,
+        reach: Reach,
+    ) -> Vec<Vec<u32>> {
         let mut lists = vec![Vec::new(); self.boxes.len()];
         for first in (0..n).step_by(RUN) {
             let run = first..(first + RUN).min(n);
@@ -216,7 +258,7 @@ impl Original {
 
 /// Cells that points look into.
 #[derive(Clone, Copy)]
-enum Reach<'a> {
+pub(super) enum Reach<'a> {
     /// The one whose box is nearest.
     Home,
     /// All whose boxes are at most so far, squared.
@@ -285,7 +327,7 @@ impl CellCache {
     }
 
     /// As many of the cells from the first on as the budget holds together, at least one.
-    fn get(
+    pub fn get(
         &mut self,
         original: &Original,
         cells: &[usize],

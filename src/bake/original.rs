@@ -5,13 +5,14 @@
 use super::density::{Densities, Density, ImageDensities};
 use super::normals::{Border, Normals, border_sums, corner_tangents, mean_tangent};
 use super::settings::{Means, NormalSource, Options};
+use super::side::{Side, uv_at};
 use std::sync::{Mutex, PoisonError};
 use stonecut_io::ply::MeshSource;
 use stonecut_io::{NUMBER, StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
 use stonecut_measure::sums::Sum;
 use stonecut_measure::temp_store::{Cutting, Scratch};
 use stonecut_measure::tree::Tree;
-use stonecut_measure::triangle::{self, Vector};
+use stonecut_measure::triangle;
 use stonecut_measure::{Carried, ColourChannels};
 use stonecut_mesh::Mesh;
 use stonecut_mesh::bounds::Bounds;
@@ -29,7 +30,6 @@ use stonecut_system::progress::Progress;
 
 /// No material.
 const NONE: u32 = u32::MAX;
-
 /// The original in cells.
 pub(super) struct Original {
     scratch: Scratch,
@@ -83,6 +83,8 @@ pub(super) struct Hit {
     pub uv: [f32; 2],
     /// Texture coordinates per unit of length.
     pub per_unit: f32,
+    /// Ways in texture coordinates of the point's steps.
+    pub along: [[f32; 2]; 2],
     /// Colour of the vertices around, sRGB; white where an image stands for it.
     pub colour: [u8; 3],
     /// Shading normal of length 1; zeros where none is wanted or there is none.
@@ -98,6 +100,7 @@ impl Hit {
         material: NONE,
         uv: [f32::NAN; 2],
         per_unit: 0.0,
+        along: [[0.0; 2]; 2],
         colour: [255; 3],
         normal: [0.0; 3],
         tangent: [0.0; 4],
@@ -125,6 +128,8 @@ pub(super) struct Face {
     uv: Option<[[f64; 3]; 2]>,
     /// Texture coordinates per unit of length.
     per_unit: f32,
+    /// Ways in texture coordinates of the point's steps.
+    along: [[f32; 2]; 2],
     /// True if it faces the side that the point's own surface does.
     faces: bool,
 }
@@ -393,14 +398,17 @@ impl Original {
     }
 
     /// Properties that all places on the triangle at a slot of a cell's tree share, seen from a side.
-    pub fn face(&self, cell: &Cell, slot: u32, normal: Vector) -> Face {
+    pub fn face(&self, cell: &Cell, slot: u32, side: &Side) -> Face {
         let triangle = cell.tree.id(slot) as usize;
+        let corners = cell.mesh.corners(triangle);
+        let (uv, per_unit) = (self.corner_uv(&cell.mesh, triangle), cell.per_unit[triangle]);
         Face {
             triangle,
-            first: triangle::rotation(&cell.mesh.corners(triangle)),
-            uv: self.corner_uv(&cell.mesh, triangle),
-            per_unit: cell.per_unit[triangle],
-            faces: dot(triangle::area_normal(cell.tree.corners(slot)), normal) > 0.0,
+            first: triangle::rotation(&corners),
+            along: side.along(&corners, uv, per_unit),
+            faces: dot(triangle::area_normal(cell.tree.corners(slot)), side.normal) > 0.0,
+            uv,
+            per_unit,
         }
     }
 
@@ -426,6 +434,7 @@ impl Original {
             material: cell.material[t],
             uv: uv_at(face.uv, weights),
             per_unit: face.per_unit,
+            along: face.along,
             colour,
             normal: self.normals.at(&cell.mesh, &cell.normals, t, weights),
             tangent: cell.tangents.get(t).map_or([0.0; 4], |own| mean_tangent(own, weights)),
@@ -476,13 +485,6 @@ impl Original {
     pub fn has_looks(&self) -> bool {
         self.has_colours() || self.texture.is_some()
     }
-}
-
-/// Texture coordinates at a point of a triangle with those of its corners; NaN without any.
-fn uv_at(corners: Option<[[f64; 3]; 2]>, [a, b, c]: [f64; 3]) -> [f32; 2] {
-    corners.map_or([f32::NAN; 2], |corners| {
-        corners.map(|[of_a, of_b, of_c]| (a * of_a + b * of_b + c * of_c) as f32)
-    })
 }
 
 /// Place of the number of the material in records.

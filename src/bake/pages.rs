@@ -172,7 +172,7 @@ impl Canvas {
         )
     }
 
-    /// The image of a page as a file in memory, and the number of texels that charts cover.
+    /// The image of a page as a file in memory, packed quickly, and the number of texels that charts cover.
     pub fn image(&self, page: usize, kind: PageKind) -> Result<(Vec<u8>, u64)> {
         let (mean, n_covered) = self.mean(page)?;
         let mut out = Vec::new();
@@ -220,7 +220,7 @@ struct Rows<'a> {
     page: usize,
     /// Colour of what is far from all charts.
     mean: [u8; 4],
-    /// Counts the texels of bands.
+    /// Counts the texels of bands; pages without it are those of tiles, whose PNG is packed quickly.
     progress: Option<&'a Progress>,
 }
 
@@ -294,6 +294,7 @@ impl Rows<'_> {
                 (None, false) => png::ColorType::Rgb,
             });
             encoder.set_depth(png::BitDepth::Eight);
+            self.progress.is_none().then(|| encoder.set_compression(png::Compression::Fast));
             if kind == PageKind::Png {
                 encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
             }

@@ -10,6 +10,7 @@
 use super::candidates::{Candidate, LANES, Near, PointGroup, SLACK};
 use super::nearest::{CellCache, Seekers, Subset};
 use super::original::{Cell, Face, Hit, Original};
+use super::side::Side;
 use std::ops::Range;
 use std::sync::Arc;
 use stonecut_measure::tree::Nearest;
@@ -45,7 +46,8 @@ const COORDINATE_SLACK: f64 = 1e-14;
 type Held = [Option<Arc<Cell>>];
 
 impl Original {
-    /// Finds a place for each point, as `nearest_any` and `turn` do; `patches` are the points of triangles, one after the other.
+    /// Finds a place for each point, as `nearest_any` and `turn` do; `patches` are the points of triangles, in order.
+    /// Points of no patch keep the places that they have.
     pub fn nearest_by_patches(
         &self,
         seekers: &impl Seekers,
@@ -68,7 +70,7 @@ impl Original {
                 block.end = i + 1;
             }
         }
-        hits.clear();
+        hits.resize(seekers.n(), Hit::NONE);
         in_order(
             blocks.len() as u64,
             threads,
@@ -78,8 +80,13 @@ impl Original {
                 solver.solve_all(self, &held, seekers, block);
                 Ok(())
             },
-            |_, solver| {
-                hits.extend_from_slice(&solver.hits);
+            |i, solver| {
+                let block = &patches[blocks[i as usize].clone()];
+                let first = block.first().map_or(0, |patch| patch.start);
+                for patch in block {
+                    let own = patch.start - first..patch.end - first;
+                    hits[patch.clone()].copy_from_slice(&solver.hits[own]);
+                }
                 Ok(())
             },
         )?;
@@ -95,20 +102,6 @@ impl Original {
             left.iter().zip(found).for_each(|(&i, hit)| hits[i as usize] = hit);
         }
         self.turn(seekers, hits, cells, (threads, progress))
-    }
-
-    /// Numbers of the cells whose boxes meet those of patches.
-    fn cells_around(&self, seekers: &impl Seekers, patches: &[Range<usize>]) -> Vec<usize> {
-        let mut is_near = vec![false; self.boxes.len()];
-        for patch in patches {
-            let mut around = Bounds::EMPTY;
-            // The first and the last point, and some between them: the rest is not far.
-            patch.clone().step_by(64).for_each(|i| around.add(seekers.point(i)));
-            for (is_near, own) in is_near.iter_mut().zip(&self.boxes) {
-                *is_near = *is_near || own.gap_sq(&around) <= 0.0;
-            }
-        }
-        (0..is_near.len()).filter(|&cell| is_near[cell]).collect()
     }
 }
 
@@ -184,8 +177,10 @@ struct Solver {
 struct Patch<'a> {
     original: &'a Original,
     held: &'a Held,
-    /// Normal of the triangle that the points are on.
-    normal: Vector,
+    /// The triangle that the points are on.
+    side: Side,
+    /// All cells, the ones nearest to the patch and its neighbours first, with squared distances.
+    cells: &'a [(f64, usize)],
 }
 
 impl Solver {
@@ -202,9 +197,16 @@ impl Solver {
         self.hits.resize(end - first, Hit::NONE);
         let mut points = std::mem::take(&mut self.points);
         let mut squares = std::mem::take(&mut self.squares);
+        let mut around = Bounds::EMPTY;
+        patches.iter().flat_map(Clone::clone).for_each(|i| around.add(seekers.point(i)));
+        let gaps = original.boxes.iter().map(|own| own.gap_sq(&around));
+        let mut cells: Vec<(f64, usize)> = gaps.zip(0..).collect();
+        cells.sort_by(|a, b| a.0.total_cmp(&b.0));
         for range in patches.iter().filter(|range| !range.is_empty()) {
             self.part(seekers, range.clone(), first, (&mut points, &mut squares));
-            let patch = Patch { original, held, normal: seekers.normal(range.start) };
+            let i = range.start;
+            let side = Side { normal: seekers.normal(i), steps: seekers.steps(i) };
+            let patch = Patch { original, held, side, cells: &cells };
             self.list(&patch, &mut points, &mut squares);
         }
         (self.points, self.squares) = (points, squares);
@@ -287,11 +289,19 @@ impl Solver {
     fn listed(&mut self, patch: &Patch, ball: &Ball, most: usize) -> Listed {
         let boxes = &patch.original.boxes;
         let off = |cell: usize| boxes[cell].distance_sq(ball.middle);
-        let Some(home) = (0..boxes.len()).min_by(|&a, &b| off(a).total_cmp(&off(b))) else {
-            return Listed::NotHere;
-        };
+        let mut home = (f64::INFINITY, 0);
+        for &(gap, cell) in patch.cells {
+            if gap >= home.0 {
+                break;
+            }
+            home = if off(cell) < home.0 { (off(cell), cell) } else { home };
+        }
         let mut nearest_sq = f64::INFINITY;
-        for cell in std::iter::once(home).chain((0..boxes.len()).filter(|&cell| cell != home)) {
+        let others = patch.cells.iter().copied().filter(|(_, cell)| *cell != home.1);
+        for (gap, cell) in std::iter::once(home).chain(others) {
+            if gap >= nearest_sq {
+                break;
+            }
             if off(cell) < nearest_sq {
                 let Some(held) = &patch.held[cell] else { return Listed::NotHere };
                 // What was nearest to other points is not far from these.
@@ -311,7 +321,11 @@ impl Solver {
         let reach_sq = reach * reach;
         self.candidates.clear();
         self.slack = 0.0;
-        for cell in (0..boxes.len()).filter(|&cell| off(cell) <= reach_sq) {
+        let within = patch.cells.iter().take_while(|(gap, _)| *gap <= reach_sq);
+        let mut within: Vec<usize> =
+            within.map(|(_, cell)| *cell).filter(|&cell| off(cell) <= reach_sq).collect();
+        within.sort_unstable();
+        for cell in within {
             let Some(held) = &patch.held[cell] else { return Listed::NotHere };
             self.slots.clear();
             if !held.tree.boxes_within(ball.middle, reach_sq, BOXES * most, &mut self.slots) {
@@ -454,13 +468,13 @@ impl Solver {
                 {
                     face
                 }
-                _ => patch.original.face(cell, candidate.slot, patch.normal),
+                _ => patch.original.face(cell, candidate.slot, &patch.side),
             };
             seen = Some((candidate.cell, candidate.slot, face));
             let mut hit = patch.original.hit(cell, &face, (best.distance_sq, weights));
             for candidate in ties.iter().map(|&i| candidate_at(i)) {
                 let Some(cell) = &patch.held[candidate.cell as usize] else { continue };
-                let face = patch.original.face(cell, candidate.slot, patch.normal);
+                let face = patch.original.face(cell, candidate.slot, &patch.side);
                 let found = triangle::closest(point, cell.tree.corners(candidate.slot));
                 let other = patch.original.hit(cell, &face, found);
                 if other.is_better(&hit) {
@@ -485,6 +499,7 @@ type Numbered = [(Vector, u32)];
 
 #[cfg(test)]
 mod tests {
+    use super::super::same::Own;
     use super::super::settings::{Means, Options};
     use super::*;
     use std::fmt::Write;
@@ -555,8 +570,19 @@ mod tests {
         }
     }
 
-    #[test]
-    fn patches_find_what_trees_find() {
+    impl Own for Points {
+        fn corners(&self, i: usize) -> [Vector; 3] {
+            self.corners[self.points[i].1]
+        }
+
+        // All points are in the middle.
+        fn weights(&self, _i: usize) -> [f64; 3] {
+            [1.0 / 3.0; 3]
+        }
+    }
+
+    /// Calls `each` with both sheets in cells.
+    fn with_original(each: impl FnOnce(&Original, (usize, &Progress))) {
         let folder = tempfile::tempdir().unwrap();
         let source = MeshSource::from_bytes("sheets", sheets(), ReadOptions::default()).unwrap();
         let (disk, progress) = (Disk::default(), Progress::default());
@@ -580,6 +606,55 @@ mod tests {
         let palette = Palette::new(None, Purpose::Bake(beside));
         let original = Original::cut(source, &palette, &options, means).unwrap();
         assert!(original.boxes.len() > 3, "{}", original.boxes.len());
+        each(&original, (2, &progress));
+    }
+
+    #[test]
+    fn triangles_of_the_original_need_no_search() {
+        with_original(|original, how| {
+            let mut points = Points { corners: Vec::new(), points: Vec::new() };
+            for cell in 0..original.boxes.len() {
+                let tree = original.load(cell, how.1).unwrap().tree;
+                for t in (0..tree.len()).step_by(7) {
+                    // Rounded, and from another corner on; every third one is somewhere else.
+                    let off = if t % 3 == 0 { 0.01 } else { 1e-5 };
+                    let corners = triangle::rotate(*tree.corners(t as u32), t % 3);
+                    let corners = corners.map(|p| [p[0] + off, p[1] - off, p[2] + off]);
+                    let at = triangle::point_at(&corners, [1.0 / 3.0; 3]);
+                    points.points.push((at, points.corners.len()));
+                    points.corners.push(corners);
+                }
+            }
+            let patches: Vec<Range<usize>> = (0..points.points.len()).map(|i| i..i + 1).collect();
+            let mut all = Vec::new();
+            for cell_bytes in [1 << 30, 1] {
+                let mut cells = CellCache::new(cell_bytes);
+                let mut hits = vec![Hit::NONE; patches.len()];
+                let left =
+                    original.same((&points, 3e-5), &patches, &mut cells, how, &mut hits).unwrap();
+                assert!(left.len() > patches.len() / 5 && left.len() < patches.len() / 2);
+                assert!(left.iter().all(|patch| hits[patch.start].distance_sq.is_infinite()));
+                let found = hits.iter().filter(|hit| hit.distance_sq == 0.0 && hit.faces);
+                assert_eq!(found.count(), patches.len() - left.len());
+                original.nearest_by_patches(&points, &left, &mut cells, how, &mut hits).unwrap();
+                // Colours of the nearest places, to rounding.
+                let nearest = original.nearest_any(&points, &mut cells, how).unwrap();
+                for (a, b) in hits.iter().zip(&nearest).filter(|(a, _)| a.distance_sq == 0.0) {
+                    assert!(a.colour.iter().zip(b.colour).all(|(a, b)| a.abs_diff(b) <= 1));
+                }
+                let looks = |hit: &Hit| (hit.distance_sq.to_bits(), hit.colour);
+                all.push(hits.iter().map(looks).collect::<Vec<_>>());
+            }
+            assert_eq!(all[0], all[1]);
+        });
+    }
+
+    #[test]
+    fn patches_find_what_trees_find() {
+        with_original(compare_with_trees);
+    }
+
+    fn compare_with_trees(original: &Original, how: (usize, &Progress)) {
         // Triangles of a few edges of the sheets and of a tenth of one, on both sides of both sheets.
         let mut points = Points { corners: Vec::new(), points: Vec::new() };
         let mut patches = Vec::new();
@@ -604,7 +679,6 @@ mod tests {
             points.corners.push(t);
             patches.push(first..points.points.len());
         }
-        let how = (2, &progress);
         // All cells in memory, and one at a time.
         for cell_bytes in [1 << 30, 1] {
             let mut cells = CellCache::new(cell_bytes);

@@ -7,6 +7,7 @@
 use super::grid::each_point;
 use super::settings::NONE;
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 use stonecut_measure::triangle;
 use stonecut_mesh::Mesh;
 use stonecut_mesh::vec3::{cross, dot, unit};
@@ -175,7 +176,7 @@ impl<'a> Surface<'a> {
         let mut out =
             Charts { chart: vec![NONE; n], flat: vec![[[0.0; 2]; 3]; n], boxes: Vec::new() };
         // The chart that was last at each point of a direction's picture.
-        let mut taken: HashMap<[u32; 2], u32> = HashMap::new();
+        let mut taken = Taken::default();
         let mut open: Vec<u32> = Vec::new();
         for &(seed, direction) in &self.seeds {
             if out.chart[seed as usize] != NONE {
@@ -223,10 +224,32 @@ impl<'a> Surface<'a> {
     }
 }
 
+/// The chart that was last at points, by both coordinates.
+type Taken = HashMap<u64, u32, BuildHasherDefault<PointHasher>>;
+
+/// Mixes the coordinates of a point; the standard hash costs as much as the rest of a chart.
+#[derive(Default)]
+struct PointHasher(u64);
+
+impl Hasher for PointHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|&byte| self.write_u64(self.0 ^ u64::from(byte)));
+    }
+
+    fn write_u64(&mut self, both: u64) {
+        let mixed = (both ^ both >> 32).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 = (mixed ^ both << 17).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(32);
+    }
+}
+
 /// Takes the points of a triangle for a chart; false, and nothing is taken, if one belongs to it already.
-fn claim(flat: &[[f64; 2]; 3], chart: u32, taken: &mut HashMap<[u32; 2], u32>) -> bool {
-    let mut points: Vec<[u32; 2]> = Vec::new();
-    each_point(flat, 1, 0..u32::MAX, |x, y, _| points.push([x as u32, y as u32]));
+fn claim(flat: &[[f64; 2]; 3], chart: u32, taken: &mut Taken) -> bool {
+    let mut points: Vec<u64> = Vec::new();
+    each_point(flat, 1, 0..u32::MAX, |x, y, _| points.push((x as u64) << 32 | y as u64));
     if points.iter().any(|point| taken.get(point) == Some(&chart)) {
         return false;
     }

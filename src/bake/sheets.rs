@@ -4,6 +4,7 @@
 //! Knows places of the original and their materials, no texels.
 
 use super::original::Hit;
+use super::pages::Canvas;
 use stonecut_io::materials::MapKind;
 use stonecut_render::texture::{ImageCache, Light, Paint, Palette, Spot, look_up, outward};
 use stonecut_system::error::Result;
@@ -68,11 +69,30 @@ impl Places<'_> {
     }
 }
 
+/// Pages that are filled.
+#[derive(Default)]
+pub(super) struct Canvases {
+    pub colours: Option<Canvas>,
+    pub normals: Option<Canvas>,
+    /// Of emitted light.
+    pub emission: Option<Canvas>,
+    /// Of shade, roughness and metal.
+    pub surface: Option<Canvas>,
+}
+
+impl Canvases {
+    /// Accounts for the disk that the pages take, once they are filled.
+    pub fn count(&self) {
+        let all = [&self.colours, &self.normals, &self.emission, &self.surface];
+        all.into_iter().flatten().for_each(Canvas::count);
+    }
+}
+
 /// The mean of the values of a texel's points.
-pub(super) fn mean(values: impl ExactSizeIterator<Item = Light>) -> Light {
-    let n = values.len() as f32;
-    let mut sum = [0f32; 4];
+pub(super) fn mean(values: impl Iterator<Item = Light>) -> Light {
+    let (mut sum, mut n) = ([0f32; 4], 0.0);
     for value in values {
+        n += 1.0;
         sum.iter_mut().zip(value).for_each(|(sum, value)| *sum += value);
     }
     sum.map(|sum| sum / n)

@@ -5,29 +5,30 @@
 //! colour does not depend on what is worked on together. Charts come in the order of their places in space, so that the
 //! original is visited region by region.
 
-use super::charts::Charts;
 use super::directions::{Direction, Frames, mean_directions};
-use super::grid::{area, each_cell, each_point};
+use super::grid::{area, each_cell, each_point, longest};
 use super::nearest::{CellCache, Seekers};
-use super::original::{Hit, Original};
+use super::original::Hit;
 use super::pages::{Canvas, Texel};
+use super::same::Own;
 use super::settings::NONE;
-use super::sheets::{Places, mean, plain_pixel};
+use super::sheets::{Canvases, Places, mean, plain_pixel};
+use super::side::steps_on;
+use super::spots::{Point, Scene, find_spots, plain_lights};
 use std::ops::Range;
 use stonecut_measure::triangle::{self, Vector};
-use stonecut_mesh::Mesh;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::morton::spread;
 use stonecut_mesh::vec3::{length_sq, sub};
-use stonecut_render::texture::{
-    ImageCache, Light, Palette, Spot, multiply, pixel_of, times_opacity,
-};
+use stonecut_render::texture::{Light, Spot, multiply, pixel_of};
 use stonecut_system::error::Result;
 use stonecut_system::parallel::in_order;
-use stonecut_system::progress::Progress;
 
-/// Bytes of a point under way: the point, its places, its colour, and where it is listed.
-const POINT_BYTES: u64 = 280;
+/// Bytes of a point under way: the point, its places, and where it is listed.
+const POINT_BYTES: u64 = 250;
+
+/// Bytes of a look into an image: a spot, its colour, and a run of one.
+const LOOK_BYTES: u64 = 64;
 
 /// Points of a batch where no cell and no image is ever loaded twice.
 const SMALL_BATCH: u64 = 1 << 18;
@@ -35,51 +36,14 @@ const SMALL_BATCH: u64 = 1 << 18;
 /// Parts of a batch, about: what threads fill is used again for the next part.
 const BANDS: u64 = 16;
 
-/// Points for a side of a texel: one where the page is as dense as the original's images, more where these are denser.
-/// Beyond, smaller sizes of them are read.
-const SIDES: [u32; 2] = [1, 2];
-
-/// Pixels of the original between points at most.
-const MOST_APART: [f64; 2] = [1.1, 0.75];
-
 /// Half of the height in texels below which a triangle gets two points for a side at least: it may lie between others.
 const THIN: f64 = 0.75;
-
-/// Points for a side of a texel without images.
-const PLAIN_SIDE: u32 = 2;
-
-/// Points for a side of a texel of pages of `texels_per_unit`.
-pub(super) fn points_of_side(of_images: Option<f64>, texels_per_unit: f64) -> u32 {
-    let Some(of_images) = of_images else { return PLAIN_SIDE };
-    let ratio = of_images / texels_per_unit;
-    let is_enough = |(side, most): &(u32, f64)| ratio <= most * f64::from(*side);
-    let side = SIDES.into_iter().zip(MOST_APART).find(is_enough);
-    side.map_or(SIDES[SIDES.len() - 1], |(side, _)| side)
-}
 
 /// Points of the side of a square whose points look for places together.
 const SQUARE_POINTS: u32 = 8;
 
 /// A place that faces the result may be farther than the nearest one by this share of the triangle's longest edge.
 const GRACE: f64 = 0.25;
-
-/// Inputs of a bake that is under way.
-pub(super) struct Scene<'a> {
-    pub mesh: &'a Mesh,
-    pub charts: &'a Charts,
-    /// Normals of the result's vertices; empty without normal maps.
-    pub normals: &'a [[f32; 3]],
-    pub original: &'a Original,
-    pub palette: &'a Palette,
-    pub images: &'a ImageCache<'a>,
-    /// Points for a side of a texel.
-    pub side: u32,
-    pub batch_bytes: u64,
-    pub threads: usize,
-    pub progress: &'a Progress,
-    /// Count of `progress` once all texels are filled.
-    pub counted: u64,
-}
 
 /// Findings on the way.
 #[derive(Clone, Copy, Debug, Default)]
@@ -96,25 +60,6 @@ impl Seen {
     /// Mean angle between normal maps and the result, in degrees.
     pub fn mean_degrees(&self) -> f64 {
         self.tilt as f64 / 1e6 / self.n_tilted.max(1) as f64
-    }
-}
-
-/// Pages that are filled.
-#[derive(Default)]
-pub(super) struct Canvases {
-    pub colours: Option<Canvas>,
-    pub normals: Option<Canvas>,
-    /// Of emitted light.
-    pub emission: Option<Canvas>,
-    /// Of shade, roughness and metal.
-    pub surface: Option<Canvas>,
-}
-
-impl Canvases {
-    /// Accounts for the disk that the pages take, once they are filled.
-    pub fn count(&self) {
-        let all = [&self.colours, &self.normals, &self.emission, &self.surface];
-        all.into_iter().flatten().for_each(Canvas::count);
     }
 }
 
@@ -136,17 +81,6 @@ struct Work {
     bands: Vec<Band>,
 }
 
-/// A point of the result.
-#[derive(Clone, Copy, Debug)]
-struct Point {
-    at: Vector,
-    /// Barycentric coordinates of the second and third corner.
-    weights: [f32; 2],
-    triangle: u32,
-    row: u32,
-    column: u32,
-}
-
 /// Memory that every batch uses again: the system takes longer to give it than it takes to fill it.
 #[derive(Default)]
 struct Buffers {
@@ -154,11 +88,12 @@ struct Buffers {
     hits: Vec<Hit>,
     lights: Vec<Light>,
     spots: Vec<Spot>,
+    starts: Vec<u32>,
 }
 
 /// Points of several bands.
 struct Batch<'a> {
-    mesh: &'a Mesh,
+    scene: &'a Scene<'a>,
     /// Texels of the side of a square whose points look for places together.
     square: u32,
     points: Vec<Point>,
@@ -179,13 +114,32 @@ impl Seekers for Batch<'_> {
     }
 
     fn normal(&self, i: usize) -> Vector {
-        triangle::area_normal(&self.mesh.corners(self.points[i].triangle as usize))
+        triangle::area_normal(&self.scene.mesh.corners(self.points[i].triangle as usize))
+    }
+
+    fn steps(&self, i: usize) -> [Vector; 2] {
+        if self.scene.looks == 1 {
+            return [[0.0; 3]; 2];
+        }
+        let t = self.points[i].triangle as usize;
+        steps_on(self.scene.mesh, t, self.scene.charts.corners[t])
     }
 
     fn grace(&self, i: usize) -> f64 {
-        let [a, b, c] = self.mesh.corners(self.points[i].triangle as usize);
+        let [a, b, c] = self.scene.mesh.corners(self.points[i].triangle as usize);
         let sq = length_sq(sub(b, a)).max(length_sq(sub(c, b))).max(length_sq(sub(a, c)));
         GRACE * sq.sqrt()
+    }
+}
+
+impl Own for Batch<'_> {
+    fn corners(&self, i: usize) -> [Vector; 3] {
+        self.scene.mesh.corners(self.points[i].triangle as usize)
+    }
+
+    fn weights(&self, i: usize) -> [f64; 3] {
+        let [v, w] = self.points[i].weights.map(f64::from);
+        [1.0 - v - w, v, w]
     }
 }
 
@@ -194,7 +148,8 @@ impl Seekers for Batch<'_> {
 /// Memory: cells and images within their budgets, and `batch_bytes` for points, those of a row of the largest page at
 /// least.
 pub(super) fn fill(scene: &Scene, cells: &mut CellCache, canvases: &mut Canvases) -> Result<Seen> {
-    let within = (scene.batch_bytes / POINT_BYTES).max(1);
+    let point_bytes = POINT_BYTES + LOOK_BYTES * u64::from(scene.looks * scene.looks);
+    let within = (scene.batch_bytes / point_bytes).max(1);
     // What fits into the caches of the processor is faster, unless cells or images are loaded for each batch.
     let stays = cells.holds_all(scene.original) && scene.images.holds_all();
     let most_points = if stays { within.min(SMALL_BATCH) } else { within };
@@ -227,7 +182,8 @@ pub(super) fn fill(scene: &Scene, cells: &mut CellCache, canvases: &mut Canvases
 impl Work {
     fn new(scene: &Scene, most_points: u64) -> Work {
         let charts = scene.charts;
-        let side = scene.side;
+        // Triangles at an edge have a point each in its texels.
+        let per_texel = f64::from(scene.side * scene.side * scene.looks);
         let mut order: Vec<u32> =
             (0..charts.chart.len() as u32).filter(|&t| charts.chart[t as usize] != NONE).collect();
         order.sort_by_key(|&t| (charts.chart[t as usize], t));
@@ -259,7 +215,7 @@ impl Work {
             let height = charts.pages[page as usize][1];
             let rows =
                 (rows[0].max(0.0) as u32).min(height)..(rows[1].ceil() as u32 + 1).min(height);
-            let n_points = (texels * f64::from(side * side)) as u64 + 4 * (end - start) as u64;
+            let n_points = (texels * per_texel) as u64 + 4 * (end - start) as u64;
             let n_bands = n_points.div_ceil(most_points.max(1)).clamp(1, rows.len().max(1) as u64);
             let step = (rows.len() as u64).div_ceil(n_bands).max(1) as usize;
             for first in rows.clone().step_by(step) {
@@ -288,7 +244,7 @@ impl Work {
         let square = (SQUARE_POINTS / scene.side).max(1);
         buffers.points.clear();
         let points = std::mem::take(&mut buffers.points);
-        let mut batch = Batch { mesh: scene.mesh, square, points };
+        let mut batch = Batch { scene, square, points };
         let mut ends = Vec::new();
         in_order(
             bands.len() as u64,
@@ -312,9 +268,15 @@ impl Work {
         }
         let means = (scene.threads, scene.progress);
         let hits = &mut buffers.hits;
+        hits.clear();
+        hits.resize(batch.n(), Hit::NONE);
+        if let Some(within) = scene.same_within {
+            patches = scene.original.same((&batch, within), &patches, cells, means, hits)?;
+        }
         scene.original.nearest_by_patches(&batch, &patches, cells, means, hits)?;
         let from = |i: usize| if i == 0 { 0 } else { ends[i - 1] };
-        find_spots(scene, &batch.points, hits, &mut buffers.spots);
+        let (spots, starts) = (&mut buffers.spots, &mut buffers.starts);
+        find_spots(scene, (&batch.points, hits), (spots, starts));
         if let Some(canvas) = &mut canvases.normals {
             places(scene, &buffers.spots).bend(hits)?;
             let (mesh, normals) = (scene.mesh, scene.normals);
@@ -348,8 +310,8 @@ impl Work {
             )?;
         }
         buffers.points = batch.points;
-        let Buffers { points, hits, lights, spots } = buffers;
-        let filled = Filled { scene, bands, ends: &ends, points };
+        let Buffers { points, hits, lights, spots, starts } = buffers;
+        let filled = Filled { scene, bands, ends: &ends, points, starts };
         if let Some(canvas) = &mut canvases.emission {
             places(scene, spots).emission(lights)?;
             filled.put(lights, canvas, pixel_of)?;
@@ -359,7 +321,7 @@ impl Work {
             filled.put(lights, canvas, plain_pixel)?;
         }
         let Some(canvas) = &mut canvases.colours else { return Ok(()) };
-        plain_lights(scene, hits, lights);
+        plain_lights(scene, (hits, starts), lights);
         let looks = (scene.palette, scene.images);
         multiply(lights, spots, looks, scene.threads, scene.progress)?;
         seen.has_alpha |= filled.put(lights, canvas, pixel_of)?;
@@ -372,18 +334,48 @@ impl Work {
         for &t in &self.order[band.triangles.clone()] {
             let flat = scene.charts.corners[t as usize].map(|at| at.map(f64::from));
             let corners = scene.mesh.corners(t as usize);
+            let has_quarters = scene.looks > 1;
+            let own = out.len();
+            // Points of the upper half of a row of texels, the next of them, and the beginning and place of this half.
+            let (mut upper, mut next, mut half, mut last) = (own..own, own, own, f64::NAN);
             let mut put = |x: f64, y: f64, weights: [f64; 3]| {
                 let (row, column) = (y as u32, (x.max(0.0) as u32).min(width - 1));
-                if band.rows.contains(&row) {
-                    let at = triangle::point_at(&corners, weights);
-                    let weights = [weights[1] as f32, weights[2] as f32];
-                    out.push(Point { at, weights, triangle: t, row, column });
+                if !band.rows.contains(&row) {
+                    return;
+                }
+                let at = triangle::point_at(&corners, weights);
+                let weights = [weights[1] as f32, weights[2] as f32];
+                let mut point = Point { at, weights, triangle: t, looks: 0, row, column };
+                if !has_quarters {
+                    out.push(point);
+                    return;
+                }
+                if y != last {
+                    let is_lower = out.get(half).is_some_and(|point| point.row == row);
+                    upper = if is_lower { half..out.len() } else { out.len()..out.len() };
+                    (next, half, last) = (upper.start, out.len(), y);
+                }
+                while next < upper.end && out[next].column < column {
+                    next += 1;
+                }
+                let at_left = if half < out.len() { out.len() - 1 } else { upper.end };
+                let other =
+                    if next < upper.end && out[next].column == column { next } else { at_left };
+                point.looks = 1 << (2 * u8::from(y.fract() > 0.5) + u8::from(x.fract() > 0.5));
+                match out.get_mut(other).filter(|other| [other.row, other.column] == [row, column])
+                {
+                    Some(other) => {
+                        other.looks |= point.looks;
+                        (0..3).for_each(|k| other.at[k] += at[k]);
+                    }
+                    None => out.push(point),
                 }
             };
             let mut n = 0;
             let area = area(&scene.charts.corners[t as usize]);
             let is_small = area < 2.0;
-            let side = if area < THIN * longest(&flat) { scene.side.max(2) } else { scene.side };
+            let side = scene.side * scene.looks;
+            let side = if area < THIN * longest(&flat) { side.max(2) } else { side };
             // Small ones are looked at as a whole, so that the count does not depend on the rows.
             let rows = if is_small { 0..u32::MAX } else { band.rows.clone() };
             each_point(&flat, side, rows, |x, y, weights| {
@@ -395,14 +387,12 @@ impl Work {
                 let middle = [0, 1].map(|k| third * (flat[0][k] + flat[1][k] + flat[2][k]));
                 put(middle[0], middle[1], [third; 3]);
             }
+            for point in &mut out[own..] {
+                let n = f64::from(point.looks.count_ones().max(1));
+                point.at = point.at.map(|x| x / n);
+            }
         }
     }
-}
-
-/// The length of the longest edge.
-fn longest([a, b, c]: &[[f64; 2]; 3]) -> f64 {
-    let length_sq = |p: &[f64; 2], q: &[f64; 2]| (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2);
-    length_sq(a, b).max(length_sq(b, c)).max(length_sq(c, a)).sqrt()
 }
 
 /// Points of a batch whose values are known.
@@ -412,6 +402,8 @@ struct Filled<'a> {
     /// Ends of the bands' points.
     ends: &'a [usize],
     points: &'a [Point],
+    /// The first of the values of each point, and their number.
+    starts: &'a [u32],
 }
 
 impl Filled<'_> {
@@ -430,9 +422,13 @@ impl Filled<'_> {
             |i, texels: &mut Vec<Texel>| {
                 let i = i as usize;
                 let own = if i == 0 { 0 } else { self.ends[i - 1] }..self.ends[i];
-                let values = &values[own.clone()];
+                let starts = &self.starts[own.start..=own.end];
                 of_texels(&self.points[own], texels, |same| {
-                    pixel(mean(same.iter().map(|&i| values[i as usize])))
+                    let all = same.iter().flat_map(|&i| {
+                        let range = starts[i as usize]..starts[i as usize + 1];
+                        &values[range.start as usize..range.end as usize]
+                    });
+                    pixel(mean(all.copied()))
                 });
                 Ok(())
             },
@@ -445,45 +441,10 @@ impl Filled<'_> {
     }
 }
 
-/// Materials and coordinates of every place.
-fn find_spots(scene: &Scene, points: &[Point], hits: &[Hit], spots: &mut Vec<Spot>) {
-    let charts = scene.charts;
-    let spot = |(point, hit): (&Point, &Hit)| {
-        let density = charts.densities[charts.page[point.triangle as usize] as usize];
-        let spacing = density * f64::from(scene.side);
-        Spot { material: hit.material, uv: hit.uv, apart: f64::from(hit.per_unit) / spacing }
-    };
-    spots.clear();
-    spots.extend(points.iter().zip(hits).map(spot));
-}
-
-/// The same for pages besides colours.
+/// Spots for pages besides colours.
 fn places<'a>(scene: &'a Scene, spots: &'a [Spot]) -> Places<'a> {
     let Scene { palette, images, threads, progress, .. } = *scene;
     Places { spots, palette, images, threads, progress }
-}
-
-/// The colour of every place without its image, which is multiplied with it.
-fn plain_lights(scene: &Scene, hits: &[Hit], lights: &mut Vec<Light>) {
-    let table = &scene.images.table;
-    let plain = |hit: &Hit| -> Light {
-        let paint = scene.palette.paints.get(hit.material as usize);
-        let factor = paint.map_or([1.0; 4], |paint| paint.factor);
-        let has_image = paint.is_some_and(|paint| paint.base.is_some());
-        let is_seen_through = scene.original.is_seen_through;
-        if (has_image && !is_seen_through) || !scene.original.has_colours() {
-            return times_opacity(factor);
-        }
-        let [r, g, b] = hit.colour;
-        let [r, g, b, _] = table.of([r, g, b, 255]);
-        let [of_r, of_g, of_b, opacity] = factor;
-        if is_seen_through {
-            return times_opacity([of_r * r, of_g * g, of_b * b, opacity]);
-        }
-        times_opacity([r, g, b, opacity])
-    };
-    lights.clear();
-    lights.extend(hits.iter().map(plain));
 }
 
 /// Makes the texels that points lie in; `pixel` gets the numbers of the points of each.

@@ -13,7 +13,9 @@ use super::page_kind::PageKind;
 use super::pages::Canvas;
 use super::projected::{Projected, project};
 use super::settings::{Means, NONE, Options};
-use super::texels::{self, Canvases, Scene};
+use super::sheets::Canvases;
+use super::spots::Scene;
+use super::texels;
 use stonecut_io::TilePage;
 use stonecut_io::ply::MeshSource;
 use stonecut_mesh::Mesh;
@@ -237,12 +239,14 @@ impl TilePainter<'_> {
         losses
     }
 
-    /// Makes a page for each tile, of `texels_per_unit` or less, with `side` x `side` points a texel.
+    /// Makes a page for each tile, of `texels_per_unit` or less, with `side` x `side` looks into images a texel.
+    ///
+    /// `same_within` is how far corners of triangles may be from those of the input that they are, if they are its own.
     pub fn paint(
         &mut self,
         tiles: &[Mesh],
-        texels_per_unit: f64,
-        side: u32,
+        (texels_per_unit, side): (f64, u32),
+        same_within: Option<f64>,
     ) -> Result<Vec<TilePicture>> {
         let Means { threads, progress, .. } = self.means;
         let n = f64::from(side) * texels_per_unit;
@@ -273,7 +277,9 @@ impl TilePainter<'_> {
             original: &self.from.original,
             palette: &self.from.palette,
             images: &self.images,
-            side,
+            side: 1,
+            looks: side,
+            same_within,
             batch_bytes: self.from.free_bytes / POINT_SHARE,
             threads,
             progress,

@@ -6,6 +6,7 @@
 //!
 //! docs/design/tiles.md, "Textures".
 
+use super::config::Finest;
 use super::pending::{self, SHAPES};
 use super::report::PagesReport;
 use super::rounds::Stages;
@@ -113,6 +114,7 @@ pub(super) fn paint(
                 folder: pending,
                 packs: config.packs,
                 texels_per_unit: photographs.texels_per_unit(),
+                is_finest: config.finest == Finest::Input,
                 frame,
                 run,
             };
@@ -186,6 +188,8 @@ struct Work<'a> {
     folder: &'a Path,
     packs: bool,
     texels_per_unit: f64,
+    /// True if the finest tiles are the input, in its own triangles.
+    is_finest: bool,
     frame: Frame<'a>,
     run: &'a StageContext<'a>,
 }
@@ -216,7 +220,11 @@ impl Work<'_> {
         // Triangles of a level are twice as long as those of the one below. Photographs are sampled as they are on the finest.
         let texels_per_unit = self.texels_per_unit / f64::from(level).exp2();
         let side = if level == 0 { 1 } else { 2 };
-        let pictures = self.painter.paint(&meshes, texels_per_unit, side)?;
+        // Lattices of borders are twice as wide.
+        let step = shapes.iter().map(|shape| shape.tile.step).fold(0.0, f64::max);
+        let same_within = (level == 0 && self.is_finest).then_some(2.0 * step);
+        let density = (texels_per_unit, side);
+        let pictures = self.painter.paint(&meshes, density, same_within)?;
         drop(meshes);
         let mut out = PaintedCell::default();
         let mut borders = Vec::with_capacity(n_tiles);
