@@ -95,10 +95,10 @@ fn any_number_of_units_gives_the_bytes_of_one_process() {
     for (kind, triangles, options, first, later) in [
         ("statue", "60k", "--ratio 5% --cell-triangles 3000", &threshold[..], &two[..3]),
         ("statue", "60k", "--ratio 4% --cell-triangles 3000", &threshold, &[]),
-        ("scans", "150k", "--ratio 10% --cell-triangles 5k --min-component 50", &threshold, &two),
+        ("scans", "100k", "--ratio 10% --cell-triangles 5k --min-component 50", &threshold, &two),
         ("terrain", "60k", "--ratio 60% --cell-triangles 2000", &threshold, &last_exact),
         ("terrain", "60k", "--ratio 97% --cell-triangles 2000", &exact, &[]),
-        ("statue", "150k", "--ratio 5%", &[], &[]),
+        ("statue", "40k", "--ratio 5%", &[], &[]),
         (
             "statue",
             "60k",

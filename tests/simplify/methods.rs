@@ -26,8 +26,8 @@ fn flat(n: u32) -> String {
 fn clusters_meet_the_target_and_stay_near_the_surface() {
     let at = &scratch();
     for kind in ["statue", "terrain", "gyroid", "scans"] {
-        expect(at, &format!("synth {kind} in.ply --triangles 60k --force"), 0);
-        for target in [15_000, 3_000, 300] {
+        expect(at, &format!("synth {kind} in.ply --triangles 30k --force"), 0);
+        for target in [8_000, 2_000, 300] {
             let options = format!("--triangles {target} --force --report r.json");
             expect(at, &format!("simplify in.ply out.ply --method cluster {options}"), 0);
             let info = check(at, "out.ply");

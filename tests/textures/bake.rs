@@ -239,7 +239,7 @@ fn bytes_depend_on_the_question_alone() {
     for kind in ["obj", "glb"] {
         let simplify = |to: &str, how: &str| {
             std::fs::create_dir_all(folder.join(to)).unwrap();
-            let what = "--ratio 5% --cell-triangles 4000 --texture bake --bake-size 512 -q";
+            let what = "--ratio 5% --cell-triangles 4000 --texture bake --bake-size 256 -q";
             expect(folder, &format!("simplify rooms.obj {to}/room.{kind} {what} {how}"), 0);
         };
         simplify("one", "--threads 1 --memory 150MiB");

@@ -168,13 +168,13 @@ fn the_input_s_own_normals_count() {
 #[test]
 fn bytes_depend_on_the_question_alone() {
     let folder = &scratch();
-    expect(folder, "synth rooms rooms.obj --triangles 40k", 0);
-    expect(folder, "synth statue statue.ply --triangles 40k", 0);
+    expect(folder, "synth rooms rooms.obj --triangles 20k", 0);
+    expect(folder, "synth statue statue.ply --triangles 20k", 0);
     for (input, output) in [("rooms.obj", "o.obj"), ("statue.ply", "o.glb"), ("rooms.obj", "o.glb")]
     {
         let simplify = |to: &str, how: &str| {
             std::fs::create_dir_all(folder.join(to)).unwrap();
-            let what = "--ratio 5% --cell-triangles 4000 --bake-normals --bake-size 512 -q";
+            let what = "--ratio 5% --cell-triangles 2000 --bake-normals --bake-size 256 -q";
             expect(folder, &format!("simplify {input} {to}/{output} {what} {how}"), 0);
         };
         simplify("one", "--threads 1 --memory 150MiB");
@@ -230,17 +230,17 @@ fn frames_are_sound(path: &Path) {
         }
         n += normals.len();
     }
-    assert!(n > 1000, "{n}");
+    assert!(n > 500, "{n}");
 }
 
 #[test]
 fn a_picture_with_the_map_is_nearer_to_the_original() {
     let folder = &scratch();
-    expect(folder, "synth statue statue.ply --triangles 200k", 0);
+    expect(folder, "synth statue statue.ply --triangles 100k", 0);
     let psnr = |output: &str, how: &str| {
         expect(folder, &format!("simplify statue.ply {output} --ratio 1% -q {how}"), 0);
         let command = format!(
-            "measure statue.ply {output} --samples 1k --appearance --views 4 --report m.json"
+            "measure statue.ply {output} --samples 1k --appearance --views 2 --report m.json"
         );
         expect(folder, &command, 0);
         let report = json(folder, "m.json");

@@ -181,9 +181,9 @@ fn stopped_anywhere(folder: &tempfile::TempDir, config: impl Fn(&Path, &str) -> 
     let whole = files(&folder.path().join("whole"));
     let n = disk.changes();
     assert!(n > 60, "{n} changes");
-    for i in 0..24 {
+    for i in 0..16 {
         let disk = Disk::default();
-        disk.freeze_at(1 + i * n / 24);
+        disk.freeze_at(1 + i * n / 16);
         let config = config(folder.path(), "out");
         assert!(make(&disk, &config).is_err(), "{i}");
         if config.output.exists() {
