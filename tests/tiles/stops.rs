@@ -191,8 +191,11 @@ fn stopped_anywhere(folder: &tempfile::TempDir, config: impl Fn(&Path, &str) -> 
             assert!(files(&config.output) == whole, "{i}");
             std::fs::remove_dir_all(&config.output).unwrap();
         }
-        make(&Disk::default(), &config).unwrap();
-        assert!(files(&config.output) == whole, "stopped at change {}", 1 + i * n / 24);
+        if let Err(e) = make(&Disk::default(), &config) {
+            let ls = std::process::Command::new("find").arg(folder.path()).output().unwrap();
+            panic!("{i} of {n}: {e} {}", String::from_utf8_lossy(&ls.stdout));
+        }
+        assert!(files(&config.output) == whole, "stopped at change {}", 1 + i * n / 16);
         std::fs::remove_dir_all(&config.output).unwrap();
     }
 }

@@ -4,9 +4,9 @@ use super::viewer;
 use crate::error::{Error, Result};
 use crate::io::tileset::{FILE_NAME, MOST_FILE_BYTES, TreeFiles};
 use crate::store::job::{Job, hold};
-use crate::system::disk::{Disk, check_own, foreign_below, is_empty, read_own};
+use crate::system::disk::{Disk, check_own, foreign_below, read_own};
 use crate::system::pending_file::{Place, write_whole};
-use std::fs::File;
+use std::fs::{DirEntry, File};
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 use xxhash_rust::xxh3::xxh3_64;
@@ -81,11 +81,24 @@ pub(super) fn remove(folder: &Path, disk: &Disk) -> Result<()> {
     }
     check_own(folder)?;
     let is_mark = |bytes: Vec<u8>| bytes.len() == 16 && bytes.iter().all(u8::is_ascii_hexdigit);
-    if is_empty(folder) || read_own(&folder.join(MARK), MOST_MARK_BYTES).is_ok_and(is_mark) {
+    if has_marks_alone(folder) || read_own(&folder.join(MARK), MOST_MARK_BYTES).is_ok_and(is_mark) {
         // The mark goes last: without it nothing here would be ours.
         return disk.remove_own(folder, &is_name, &|path| u8::from(path == Path::new(MARK)));
     }
     remove_tree(folder, disk)
+}
+
+/// Returns whether a folder has nothing but a mark under a hidden name, if that: a run that ended as it began leaves it.
+fn has_marks_alone(folder: &Path) -> bool {
+    let is_hidden = |entry: std::io::Result<DirEntry>| {
+        entry.is_ok_and(|entry| entry.file_name().to_str().is_some_and(is_hidden_mark))
+    };
+    std::fs::read_dir(folder).is_ok_and(|mut entries| entries.all(is_hidden))
+}
+
+/// The mark has a hidden name for a moment where files cannot be without one.
+fn is_hidden_mark(name: &str) -> bool {
+    name.starts_with("..stonecut-job.") && name.ends_with(".tmp")
 }
 
 /// Removes the part of the folder that a step which is over has left.
@@ -135,10 +148,7 @@ fn is_name(path: &Path, is_folder: bool) -> bool {
         ["sets", part, name] => !is_folder && is_number(part) && is_numbers(name, ".json", 1),
         [name] => {
             let is_page = viewer::FILES.iter().any(|(page, _)| page == name);
-            // The mark has a hidden name for a moment where files cannot be without one.
-            let is_hidden =
-                |name: &&str| name.starts_with("..stonecut-job.") && name.ends_with(".tmp");
-            let is_mark = *name == MARK || is_hidden(name);
+            let is_mark = *name == MARK || is_hidden_mark(name);
             !is_folder && (is_page || *name == FILE_NAME || is_mark)
         }
         _ => false,
