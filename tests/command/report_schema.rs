@@ -137,12 +137,12 @@ fn reports_of_simplify_keep_the_schema() {
         ("--ratio 10%", 0),
         ("--ratio 10% --cell-triangles 1k --min-component 20 --verify --fit on --keep-temp", 0),
         ("--triangles 6k --cell-triangles 1k --topology keep --placement subset", 0),
-        ("--triangles 3k,1k --cell-triangles 1k --verify", 0),
+        ("--triangles 3k,1k --cell-triangles 1k", 0),
         ("--max-error 0.05 --cell-triangles 1k --error-field", 0),
         ("--max-error 0.05 --ratio 30%", 3),
         ("--max-error 1e-30", 0),
-        ("--ratio 10% --optimize 1 --verify", 0),
-        ("--ratio 10% --pairs --verify", 0),
+        ("--ratio 10% --optimize 1", 0),
+        ("--ratio 10% --pairs", 0),
         ("--ratio 10% --progressive out.pm", 0),
         ("--ratio 5% --for print", 3),
     ] {
@@ -175,8 +175,8 @@ fn reports_of_simplify_keep_the_schema() {
     for (method, options) in [
         ("cluster", "--ratio 10% --verify"),
         ("cluster", "--grid 0.1"),
-        ("decimate", "--ratio 30% --verify --feature-angle 40"),
-        ("retile", "--ratio 10% --verify --gradation 1"),
+        ("decimate", "--ratio 30% --feature-angle 40"),
+        ("retile", "--ratio 10% --gradation 1"),
         ("retile", "--ratio 10% --optimize 1"),
     ] {
         let command = format!(

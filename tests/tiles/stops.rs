@@ -181,9 +181,9 @@ fn stopped_anywhere(folder: &tempfile::TempDir, config: impl Fn(&Path, &str) -> 
     let whole = files(&folder.path().join("whole"));
     let n = disk.changes();
     assert!(n > 60, "{n} changes");
-    for i in 0..16 {
+    for i in 0..11 {
         let disk = Disk::default();
-        disk.freeze_at(1 + i * n / 16);
+        disk.freeze_at(1 + i * n / 11);
         let config = config(folder.path(), "out");
         assert!(make(&disk, &config).is_err(), "{i}");
         if config.output.exists() {
@@ -195,7 +195,7 @@ fn stopped_anywhere(folder: &tempfile::TempDir, config: impl Fn(&Path, &str) -> 
             let ls = std::process::Command::new("find").arg(folder.path()).output().unwrap();
             panic!("{i} of {n}: {e} {}", String::from_utf8_lossy(&ls.stdout));
         }
-        assert!(files(&config.output) == whole, "stopped at change {}", 1 + i * n / 16);
+        assert!(files(&config.output) == whole, "stopped at change {}", 1 + i * n / 11);
         std::fs::remove_dir_all(&config.output).unwrap();
     }
 }
