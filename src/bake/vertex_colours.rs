@@ -1,4 +1,4 @@
-//! Colours of vertices out of the input's images, for outputs that have colours but no images.
+//! Colours of vertices out of the input's images and materials, for outputs that have colours but neither of them.
 //!
 //! A vertex gets the mean of what its corners show, in linear light, weighted by opacity (times its own colour, in formats that multiply the two): the part of the image that reaches
 //! halfway along the edges of each triangle. Sums of as many vertices as the memory holds are kept at a time;
@@ -8,6 +8,7 @@ use super::Means;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
+use stonecut_io::materials::Materials;
 use stonecut_io::ply::{FaceBlock, FaceLooks, MeshSource, OutputHeader, PlyWriter, VertexBlock};
 use stonecut_mesh::colours::ColourPlace;
 use stonecut_mesh::property::{Property, Scalar};
@@ -42,13 +43,20 @@ pub struct Coloured {
     pub bad_faces: u64,
 }
 
-/// True if vertices can get colours out of images: they have none yet, or their own multiply those of images.
+/// True if vertices can get colours out of images or materials: they have none yet, or their own multiply those.
 pub fn colours_vertices(source: &MeshSource) -> bool {
     let has_colour = source.schema().properties.iter().any(|p| p.name == COLOUR[0]);
     let multiplies = !source.images_hide_colours() && own_colour(source).is_some();
+    let has_images = |all: &Materials| source.has_corner_texture() && !all.images.is_empty();
     (!has_colour || multiplies)
-        && source.has_corner_texture()
-        && source.materials().is_some_and(|m| !m.images.is_empty())
+        && source.materials().is_some_and(|all| has_images(all) || is_tinted(all))
+}
+
+/// True if materials differ in colour, or if the colour of all of them is not a grey.
+fn is_tinted(materials: &Materials) -> bool {
+    let mut colours = materials.list.iter().map(|material| material.base);
+    let Some([r, g, b, _]) = colours.next() else { return false };
+    r != g || g != b || colours.any(|other| other[..3] != [r, g, b])
 }
 
 fn own_colour(source: &MeshSource) -> Option<ColourPlace> {

@@ -278,6 +278,46 @@ pub fn check_colours(mesh: &Path, (rim, most_off): (f64, f64)) -> usize {
     n
 }
 
+/// Two sheets, one of each material. A material alone counts unless it is grey.
+#[test]
+fn vertices_get_the_colours_of_materials_without_images() {
+    let path = &scratch();
+    let library = "newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\nnewmtl grey\nKd .8 .8 .8\n";
+    std::fs::write(path.join("m.mtl"), library).unwrap();
+    for (materials, n_coloured) in [(&["red", "blue"][..], 1681), (&["red"], 1681), (&["grey"], 0)]
+    {
+        let mut text = "mtllib m.mtl\n".to_owned();
+        for (sheet, material) in materials.iter().enumerate() {
+            for i in 0..41 * 41 {
+                let z = f64::from(i * i % 7) * 0.1;
+                text += &format!("v {} {} {z}\n", 100 * sheet as u32 + i % 41, i / 41);
+            }
+            text += &format!("usemtl {material}\n");
+            for i in (0..40 * 41).filter(|i| i % 41 < 40) {
+                let a = 1681 * sheet as u32 + i + 1;
+                text += &format!("f {a} {} {} {}\n", a + 1, a + 42, a + 41);
+            }
+        }
+        std::fs::write(path.join("in.obj"), text).unwrap();
+        let said = expect(path, "tiles in.obj out --tile-triangles 1000 --force", 0);
+        assert_eq!(
+            said.contains("materials: not carried: vertices have"),
+            n_coloured > 0,
+            "{said}"
+        );
+        expect(path, "extract out all.ply --max-error 0 --force", 0);
+        let source = stonecut::io::ply::MeshSource::open(&path.join("all.ply")).unwrap();
+        let mut block = stonecut::io::ply::VertexBlock::default();
+        source.read_vertices(0, &mut block).unwrap();
+        let rows = block.records.chunks_exact(source.schema().record_bytes());
+        let of = |name: &str| materials.contains(&name).then_some(n_coloured).unwrap_or_default();
+        for (colour, n) in [([255, 0, 0], of("red")), ([0, 0, 255], of("blue"))] {
+            let has_it = |row: &&[u8]| row.last_chunk() == Some(&colour);
+            assert_eq!(rows.clone().filter(has_it).count(), n, "{materials:?} {colour:?}");
+        }
+    }
+}
+
 #[test]
 fn colours_out_of_images_are_the_same_for_any_threads_and_memory() {
     let path = &scratch();

@@ -346,7 +346,7 @@ fn give_up(job: &Job, pending: &Path, error: Error) -> Error {
     abandon(job, error)
 }
 
-/// Cuts the input into the groups of the first round; where it has images and no colours, a copy with colours out of them.
+/// Cuts the input into the groups of the first round; where it has images or materials and no colours, a copy with colours out of them.
 fn cut_into_groups(
     source: &MeshSource,
     (config, textured): (&TilesConfig, bool),
@@ -365,7 +365,7 @@ fn cut_into_groups(
     Ok((partition, grid))
 }
 
-/// The copy of the input with colours instead of images, and what it is recorded as.
+/// The copy of the input with colours instead of images and materials, and what it is recorded as.
 const COLOURED_FILE: &str = "input.coloured";
 const COLOURED: &str = "coloured";
 
@@ -429,6 +429,9 @@ fn all_losses(
     Ok(losses)
 }
 
+/// Why images and materials are not there.
+const INSTEAD: &str = "not carried: vertices have colours out of them instead";
+
 /// Parts of the input that tiles do not carry.
 fn losses_of(
     source: &MeshSource,
@@ -444,10 +447,12 @@ fn losses_of(
         losses.merge(&pages.losses);
     } else if source.require_no_texture().is_err() {
         let instead = match is_coloured {
-            true => "not carried: vertices have colours out of them instead",
+            true => INSTEAD,
             false => "not carried: tiles have vertex colours only",
         };
         losses.lose(Loss::new(LossKind::Images, "texture coordinates and images", instead));
+    } else if is_coloured {
+        losses.lose(Loss::new(LossKind::Materials, "materials", INSTEAD));
     }
     if let Some(coloured) = coloured {
         losses.merge(&coloured.losses);
@@ -458,7 +463,7 @@ fn losses_of(
     if !numbers.is_empty() && !is_coloured && pages.is_none() {
         let loss =
             Loss::new(LossKind::Materials, "materials and their colours", "not carried by tiles");
-        losses.lose(loss.whole());
+        losses.lose(loss);
     }
     if !faces.is_empty() {
         let what = format!("properties of faces ({})", faces.join(", "));

@@ -387,12 +387,12 @@ fn is_textured(source: &MeshSource, config: &TilesConfig) -> Result<bool> {
     }
 }
 
-/// True if vertices get colours out of images.
+/// True if vertices get colours out of images or materials.
 pub(super) fn gets_colours(source: &MeshSource, textured: bool) -> bool {
     !textured && colours_vertices(source)
 }
 
-/// Properties of the vertices that are cut into tiles: those of the input, and the colours that they get from its images.
+/// Properties of the vertices that are cut into tiles: those of the input, and the colours that they get from its images and materials.
 pub(super) fn schema(source: &MeshSource, textured: bool) -> VertexSchema {
     if gets_colours(source, textured) {
         return coloured_schema(source);
