@@ -310,7 +310,7 @@ fn vertices_get_the_colours_of_materials_without_images() {
         let mut block = stonecut::io::ply::VertexBlock::default();
         source.read_vertices(0, &mut block).unwrap();
         let rows = block.records.chunks_exact(source.schema().record_bytes());
-        let of = |name: &str| materials.contains(&name).then_some(n_coloured).unwrap_or_default();
+        let of = |name: &str| if materials.contains(&name) { n_coloured } else { 0 };
         for (colour, n) in [([255, 0, 0], of("red")), ([0, 0, 255], of("blue"))] {
             let has_it = |row: &&[u8]| row.last_chunk() == Some(&colour);
             assert_eq!(rows.clone().filter(has_it).count(), n, "{materials:?} {colour:?}");

@@ -429,7 +429,7 @@ fn all_losses(
     Ok(losses)
 }
 
-/// Why images and materials are not there.
+/// Said of images and materials that are not there.
 const INSTEAD: &str = "not carried: vertices have colours out of them instead";
 
 /// Parts of the input that tiles do not carry.
