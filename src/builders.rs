@@ -3,7 +3,7 @@
 //! A builder fills the settings that the program itself works with, checks its paths as a command does, and runs the same code. It does
 //! not print, listens to no signal and never exits. Meshes in memory go through `pipeline::in_memory`.
 
-use crate::cli::{arguments, job, pace};
+use crate::cli::{arguments, job};
 use crate::config::{Config, Target};
 use crate::error::{Error, Result};
 use crate::io::InputPaths;
@@ -19,6 +19,7 @@ use crate::pipeline::tiles::report::TilesReport;
 use crate::pipeline::tiles::{Finest, TilesConfig, make_tiles, prepare_tiles};
 use crate::system::disk::folder_of;
 use crate::system::memory::{budget_bytes, limit_bytes, resident_bytes};
+use crate::system::pace::Pace;
 use crate::system::parallel::guarded;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
@@ -87,7 +88,7 @@ pub fn followed<T: Send>(
             if stage.name.is_empty() {
                 continue;
             }
-            let pace = pace.get_or_insert_with(|| pace::Pace::expecting(progress.expected()));
+            let pace = pace.get_or_insert_with(|| Pace::expecting(progress.expected()));
             let (figures, _) = pace.update(stage.clone(), done);
             follower(&Moment {
                 stage: stage.name,

@@ -1,8 +1,8 @@
 //! Progress for people and programs: a bar, lines, JSON, or nothing.
 
 use super::log::{Log, Show, Talk};
-use super::pace::{Figures, Pace, has_own_pace};
 use super::reading::{READ, process_bytes};
+use crate::system::pace::{Figures, Pace, has_own_pace};
 use crate::system::progress::{Progress, Stage};
 use crate::system::units::{show_bytes, show_count};
 use indicatif::{ProgressBar, ProgressStyle};

@@ -2,7 +2,6 @@
 
 use super::answer::CommandEnd;
 use super::session::{Command, Session};
-use super::terminal::{shown, table as table_of};
 use crate::error::{Error, Offers, Result};
 use crate::io::ply::{MeshSource, PartReport, ReadOptions};
 use crate::io::sidecars::LIES_AT;
@@ -18,6 +17,7 @@ use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::losses::{Loss, LossKind};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
+use crate::system::terminal::{shown, table as table_of};
 use crate::system::units;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};

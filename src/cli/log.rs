@@ -1,8 +1,8 @@
 //! The lines and the exit code of a command: standard error, the log file, and how much is said.
 
-use super::terminal::{shown, write_shown};
 use crate::error::{Error, Offers};
 use crate::system::losses::{Ledger, Severity};
+use crate::system::terminal::{shown, write_shown};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::time::Instant;

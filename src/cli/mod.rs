@@ -22,7 +22,6 @@ mod near;
 mod new_texture;
 mod out_of_memory;
 mod outcome;
-pub mod pace;
 mod pages;
 mod placing;
 mod plan;
@@ -32,7 +31,7 @@ mod receipt;
 mod refine;
 mod render;
 mod report;
-mod serve;
+pub mod serve;
 mod session;
 mod signals;
 mod simplify;
@@ -40,7 +39,6 @@ mod solid;
 mod split;
 mod status;
 mod synth;
-mod terminal;
 mod tiles;
 mod transfer;
 mod tree_receipt;
@@ -52,6 +50,7 @@ use crate::error::{Error, Offers, Result};
 use crate::system::parallel::guarded;
 use crate::system::paths::Role;
 use crate::system::progress::Progress;
+use crate::system::terminal::shown;
 use clap::error::ErrorKind::MissingRequiredArgument;
 use clap::{CommandFactory, Parser};
 use log::{Log, Show, Talk, complain, end_of, say_end};
@@ -205,7 +204,7 @@ fn check_paths(command: &dyn Command, talk: &Talk) -> Result<()> {
 fn print_typed(error: &clap::Error, words: &[std::ffi::OsString]) {
     let is_plain = words.iter().all(|word| {
         let word = word.to_string_lossy();
-        terminal::shown(&word) == word
+        shown(&word) == word
     });
     // Nothing can be reported if the stream is closed.
     if is_plain {
@@ -213,12 +212,12 @@ fn print_typed(error: &clap::Error, words: &[std::ffi::OsString]) {
         return;
     }
     // The same words without their tricks are as wrong as they were.
-    let safe = words.iter().map(|word| terminal::shown(&word.to_string_lossy()).into_owned());
+    let safe = words.iter().map(|word| shown(&word.to_string_lossy()).into_owned());
     let text = match CommandLine::try_parse_from(safe) {
         Err(same) => same.to_string(),
         Ok(_) => error.kind().to_string(),
     };
-    let lines: Vec<_> = text.lines().map(terminal::shown).collect();
+    let lines: Vec<_> = text.lines().map(shown).collect();
     let _ = writeln!(std::io::stderr(), "{}", lines.join("\n"));
 }
 

@@ -2,17 +2,17 @@
 
 use super::answer::CommandEnd;
 use super::arguments::job_folder;
-use super::pace::MOST_DONE;
 use super::session::{Command, Session};
-use super::terminal::shown;
 use crate::error::{Error, Result};
 use crate::pipeline::units::{Standing, standing};
 use crate::store::job::units::UnitJob;
 use crate::store::job::{has_manifest, look, view};
 use crate::system::disk::{Disk, note_of};
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
+use crate::system::pace::MOST_DONE;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
+use crate::system::terminal::shown;
 use crate::system::units::{show_bytes, show_count};
 use serde_json::Value;
 use std::collections::BTreeMap;

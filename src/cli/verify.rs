@@ -12,10 +12,12 @@ use crate::measure::LEAST_TOLERANCE;
 use crate::pipeline::tiles::{TilesConfig, make_tiles};
 use crate::pipeline::verify::MeasuredPair;
 use crate::receipt::hashes::{Hashes, of_file};
-use crate::receipt::{ProvenInterval, Receipt, ReceiptTree, differences, json, signature};
+use crate::receipt::{ProvenInterval, Receipt, ReceiptTree, json, signature};
+use crate::system::canonical_json::differences;
 use crate::system::disk::{Disk, folder_of};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
+use crate::system::terminal::shown;
 use crate::system::units::show_outward;
 use clap::FromArgMatches;
 use std::ffi::OsString;
@@ -110,7 +112,7 @@ impl Command for Args {
 /// The outcome for people.
 fn lines(checked: &Checked) -> String {
     let mut text = String::new();
-    let mut line = |words: String| text.push_str(&format!("{}\n", super::terminal::shown(&words)));
+    let mut line = |words: String| text.push_str(&format!("{}\n", shown(&words)));
     checked.notes.iter().for_each(|note| line(format!("note: {note}")));
     for ProvenInterval { lower, upper, .. } in &checked.distances {
         let (lower, upper) = (show_outward(*lower, -1, 6), show_outward(*upper, 1, 6));

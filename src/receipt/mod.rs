@@ -4,14 +4,13 @@
 //! The form alone: `cli/receipt` fills a receipt in after a run, `cli/verify` checks one. Everything in it follows from the run, nothing from the
 //! time or the machine, so two runs of one build give the same bytes ([docs/design/receipt.md]).
 
-pub(crate) mod canonical;
 pub(crate) mod hashes;
 pub(crate) mod signature;
 
 use crate::error::{Error, Result};
+use crate::system::canonical_json::canonical;
 use crate::system::disk::read_regular;
 use crate::system::losses::Ledger;
-use canonical::canonical;
 use hashes::{HashedFile, sha256_of};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -217,62 +216,4 @@ impl Receipt {
 pub(crate) fn json(part: &impl Serialize) -> Result<Value> {
     serde_json::to_value(part)
         .map_err(|e| Error::Internal(format!("the receipt cannot be written as JSON: {e}")))
-}
-
-/// Lists where two parts of receipts differ, by the keys that lead there.
-pub(crate) fn differences(recorded: &Value, found: &Value, at: &str, out: &mut Vec<String>) {
-    let below = |key: &str| if at.is_empty() { key.to_owned() } else { format!("{at}: {key}") };
-    match (recorded, found) {
-        (Value::Object(a), Value::Object(b)) => {
-            let keys: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
-            for key in keys {
-                let of = |map: &serde_json::Map<String, Value>| {
-                    map.get(key).cloned().unwrap_or(Value::Null)
-                };
-                differences(&of(a), &of(b), &below(key), out);
-            }
-        }
-        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
-            for (number, (a, b)) in a.iter().zip(b).enumerate() {
-                differences(a, b, &below(&number.to_string()), out);
-            }
-        }
-        _ if recorded == found => {}
-        _ => out.push(format!("{at}: {} recorded, {} found", shown(recorded), shown(found))),
-    }
-}
-
-fn shown(value: &Value) -> String {
-    match value {
-        Value::Null => "nothing".to_owned(),
-        Value::String(text) => text.clone(),
-        other => String::from_utf8_lossy(&canonical(other)).into_owned(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use serde_json::json;
-
-    #[test]
-    fn differences_are_named_by_their_keys() {
-        let a = json!({"x": {"a.ply": {"bytes": 3}, "gone": 1}, "list": [1, 2], "long": [1]});
-        let b = json!({"x": {"a.ply": {"bytes": 4}, "new": 1}, "list": [1, 5], "long": []});
-        let mut out = Vec::new();
-        differences(&a, &b, "", &mut out);
-        assert_eq!(
-            out,
-            [
-                "list: 1: 2 recorded, 5 found",
-                "long: [1] recorded, [] found",
-                "x: a.ply: bytes: 3 recorded, 4 found",
-                "x: gone: 1 recorded, nothing found",
-                "x: new: nothing recorded, 1 found",
-            ]
-        );
-        out.clear();
-        differences(&a, &a, "", &mut out);
-        assert!(out.is_empty());
-    }
 }

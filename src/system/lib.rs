@@ -5,6 +5,7 @@
 pub mod error;
 
 pub mod background;
+pub mod canonical_json;
 pub mod disk;
 pub mod free_space;
 pub mod json_keys;
@@ -12,11 +13,13 @@ pub mod losses;
 pub mod made;
 pub mod mapped_file;
 pub mod memory;
+pub mod pace;
 pub mod parallel;
 pub mod paths;
 pub mod pending_file;
 pub mod program;
 pub mod progress;
+pub mod terminal;
 pub mod units;
 
 pub use error::{Error, Result};

@@ -10,8 +10,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
-use stonecut::cli::pace::Pace;
 use stonecut::system::memory::resident_bytes;
+use stonecut::system::pace::Pace;
 use stonecut::system::progress;
 
 /// Time between two looks at signals.

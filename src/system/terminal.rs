@@ -20,7 +20,7 @@ const LINE_ENDS: [usize; 2] = [4000, 1000];
 const WORD_ENDS: [usize; 2] = [100, 100];
 
 /// One line as a terminal may have it: control characters escaped, endless words and lines without their middle.
-pub(super) fn shown(line: &str) -> Cow<'_, str> {
+pub fn shown(line: &str) -> Cow<'_, str> {
     if line.len() <= MOST_WORD && !line.chars().any(is_unsafe) {
         return Cow::Borrowed(line);
     }
@@ -64,16 +64,13 @@ fn shortened(text: &str, most: usize, [begin, end]: [usize; 2]) -> Cow<'_, str> 
 }
 
 /// Rows of a table, a name and a value each.
-pub(super) fn table<'a>(rows: impl IntoIterator<Item = (&'a str, String)>) -> String {
+pub fn table<'a>(rows: impl IntoIterator<Item = (&'a str, String)>) -> String {
     let row = |(name, value): (&str, String)| format!("{name:<22}{}\n", shown(&value));
     rows.into_iter().map(row).collect()
 }
 
 /// Writes what a formatting macro has put together: a line that ends or not, or an object of JSON as it is.
-pub(super) fn write_shown(
-    out: &mut dyn Write,
-    arguments: std::fmt::Arguments,
-) -> std::io::Result<()> {
+pub fn write_shown(out: &mut dyn Write, arguments: std::fmt::Arguments) -> std::io::Result<()> {
     let text = arguments.to_string();
     let (line, end) = match text.strip_suffix('\n') {
         Some(line) => (line, "\n"),

@@ -1,9 +1,10 @@
 //! JSON in the one form that RFC 8785 gives it (JCS): no blanks, keys sorted, numbers as ECMAScript prints them.
 
 use serde_json::Value;
+use std::collections::BTreeSet;
 
 /// The canonical form. Integers beyond 2^53, which RFC 8785 has no numbers for, are written digit by digit.
-pub(crate) fn canonical(value: &Value) -> Vec<u8> {
+pub fn canonical(value: &Value) -> Vec<u8> {
     let mut out = String::new();
     append(value, &mut out);
     out.into_bytes()
@@ -79,9 +80,41 @@ fn as_ecmascript(x: f64) -> String {
     }
 }
 
+/// Lists where two values differ, by the keys that lead there.
+pub fn differences(recorded: &Value, found: &Value, at: &str, out: &mut Vec<String>) {
+    let below = |key: &str| if at.is_empty() { key.to_owned() } else { format!("{at}: {key}") };
+    match (recorded, found) {
+        (Value::Object(a), Value::Object(b)) => {
+            let keys: BTreeSet<&String> = a.keys().chain(b.keys()).collect();
+            for key in keys {
+                let of = |map: &serde_json::Map<String, Value>| {
+                    map.get(key).cloned().unwrap_or(Value::Null)
+                };
+                differences(&of(a), &of(b), &below(key), out);
+            }
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            for (number, (a, b)) in a.iter().zip(b).enumerate() {
+                differences(a, b, &below(&number.to_string()), out);
+            }
+        }
+        _ if recorded == found => {}
+        _ => out.push(format!("{at}: {} recorded, {} found", shown(recorded), shown(found))),
+    }
+}
+
+fn shown(value: &Value) -> String {
+    match value {
+        Value::Null => "nothing".to_owned(),
+        Value::String(text) => text.clone(),
+        other => String::from_utf8_lossy(&canonical(other)).into_owned(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::json;
 
     /// Rows of appendix B of RFC 8785.
     #[test]
@@ -116,5 +149,26 @@ mod tests {
             String::from_utf8(canonical(&value)).unwrap(),
             "{\"a\":-7,\"b\":[56,{\"1\":[],\"10\":null,\"d\":true}],\"peach\":\"\u{20ac}$\\u000f\\nA'B\\\"\\\\\\\\\\\"/\",\"\u{1f602}\":1,\"\u{fb33}\":2}"
         );
+    }
+
+    #[test]
+    fn differences_are_named_by_their_keys() {
+        let a = json!({"x": {"a.ply": {"bytes": 3}, "gone": 1}, "list": [1, 2], "long": [1]});
+        let b = json!({"x": {"a.ply": {"bytes": 4}, "new": 1}, "list": [1, 5], "long": []});
+        let mut out = Vec::new();
+        differences(&a, &b, "", &mut out);
+        assert_eq!(
+            out,
+            [
+                "list: 1: 2 recorded, 5 found",
+                "long: [1] recorded, [] found",
+                "x: a.ply: bytes: 3 recorded, 4 found",
+                "x: gone: 1 recorded, nothing found",
+                "x: new: nothing recorded, 1 found",
+            ]
+        );
+        out.clear();
+        differences(&a, &a, "", &mut out);
+        assert!(out.is_empty());
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! For whoever shows progress: the bar and lines of the command line, and callers in the same process.
 
-use crate::system::progress::{Stage, StageSeconds};
+use crate::progress::{Stage, StageSeconds};
 use std::collections::VecDeque;
 use std::time::Instant;
 
@@ -18,12 +18,12 @@ const LEAST_TRUST: f64 = 0.4;
 const LEAST_LEFT: f64 = 0.05;
 const LEAST_SECONDS_LEFT: f64 = 0.1;
 /// Share that a run at work has done at most.
-pub(super) const MOST_DONE: f64 = 0.995;
+pub const MOST_DONE: f64 = 0.995;
 /// A stage that took less than this share of what was expected was done by an earlier process; it says nothing of the machine.
 const GIVEN_SHARE: f64 = 0.05;
 
 /// Stages that do not count triangles at the pace of others: what they have left is told by themselves.
-pub(super) fn has_own_pace(stage: &str) -> bool {
+pub fn has_own_pace(stage: &str) -> bool {
     stage == "bake"
 }
 
