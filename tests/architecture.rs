@@ -78,7 +78,7 @@ const HOMES: [(&str, &[&str]); 36] = [
 ];
 
 /// The rooms and files of the kernel from top to bottom; each imports only those below it.
-const KERNEL_ROOMS: [&str; 23] = [
+const KERNEL_ROOMS: [&str; 24] = [
     "tests",
     "mod",
     "stepwise",
@@ -92,6 +92,7 @@ const KERNEL_ROOMS: [&str; 23] = [
     "fit",
     "crossing",
     "statistics",
+    "quality_curve",
     "quality",
     "history",
     "followed",

@@ -7,7 +7,7 @@
 //!
 //! - `run`: builds the surface, repairs it, collapses, fits, takes the mesh out; `stepwise`: level by level
 //! - `schedule`: the order of collapses: `levels` of blocks, the `queue`, the inner loop (`drain`)
-//! - `fit`: moves the vertices of the result towards the original; `quality` estimates the error
+//! - `fit`: moves the vertices of the result towards the original; `quality` estimates the error, `quality_curve` judges it
 //! - `topology`: components that vanish, tubes that are cut; `repair`: what is cleaned, joined and taken apart
 //! - `followed`: where each vertex of the input went; `history`: every step, so that it can be taken back
 //! - `bound`: refuses collapses that lead too far from the original
@@ -29,6 +29,7 @@ mod interrupt;
 mod memory;
 mod options;
 mod quality;
+mod quality_curve;
 pub(crate) mod repair;
 mod run;
 mod schedule;
@@ -42,6 +43,7 @@ mod tests;
 mod topology;
 mod vertex;
 
+pub use bound::tight::Tightened;
 pub use cost::attributes::MAX_WEIGHTED;
 pub use history::{Cursor, Gone, History, Step};
 pub use interrupt::Interrupt;
@@ -54,6 +56,7 @@ pub use options::{
     Topology,
 };
 pub use quality::{Quality, QualityAt};
+pub use quality_curve::{QualityCurve, QualityReport, is_off_volume, two_digits_up};
 pub use run::{simplify_mesh, simplify_mesh_portably};
 pub use statistics::{FitStatistics, Simplified, Statistics};
 pub use stepwise::{CloseLevels, Stepwise};

@@ -15,7 +15,7 @@ use super::prepare::{Prepared, prepare};
 use crate::config::{Attributes, Config, JobOptions, Normals, Target, Texture};
 use crate::error::Result;
 use crate::io::{OutputFormat, OutputKind};
-use crate::kernel::{self, Tight};
+use crate::kernel::{self, Tight, Tightened};
 use crate::measure::{Beyond, Certificate, Certify, compare};
 use crate::pipeline::run_report::{BoundReport, RunReport, TrialReport};
 use crate::pipeline::verify::{self, MeasuredPair};
@@ -33,18 +33,6 @@ use std::time::Instant;
 const MOST_TRIALS: usize = 20;
 /// After this many trials the bound is tightened everywhere.
 const LOCAL_TRIALS: usize = 17;
-/// Share of the bound that the first trial keeps: between the points that the kernel looks at the surface is a little farther
-/// away.
-const FIRST: f64 = 0.94;
-/// Share of the bound that is kept in hand, beyond the excess, where it was exceeded.
-const KEPT: f64 = 0.1;
-/// Growth of the ball around a place that is beyond the bound within an earlier ball, over that ball's; the radius of a
-/// first one is the size of the triangle there. Balls that are larger than they need be cost triangles (docs/design/bound.md).
-const GROWTH: f64 = 1.5;
-/// A tighter bound aims at this share of the one that was asked for.
-const AIM: f64 = 0.98;
-/// No trial tightens the bound by more than this: one place does not say much of another.
-const MOST_TIGHTENING: f64 = 0.5;
 
 /// Stages that every trial has in common, besides the trees of later rounds: the first round uses a small share of the
 /// bound, and is tighter nowhere.
@@ -60,8 +48,6 @@ const SAMPLES: u64 = 25_000;
 struct Trial {
     /// Number of the trial, from 1.
     number: usize,
-    /// Share of the bound that the run was given.
-    share: f64,
     report: RunReport,
     /// Distances at samples, both ways.
     max: f64,
@@ -70,16 +56,6 @@ struct Trial {
     certificate: Option<Certificate>,
     /// Places beyond the bound, if they are few.
     beyond: Vec<Beyond>,
-}
-
-/// Tightening of the bound for a trial.
-#[derive(Clone)]
-struct Tightened {
-    /// Share of the bound that the run is given, everywhere.
-    share: f64,
-    places: Vec<Tight>,
-    /// For each place how many balls, one in the other, had not helped there.
-    depths: Vec<i32>,
 }
 
 /// Simplifies as far as the two-sided Hausdorff distance is proven to stay within `bound` (input units).
@@ -112,11 +88,19 @@ fn try_in_turn(run: &DerivedRun, bound: f64, n_input: u64) -> Result<Option<RunR
         Some(_) => Some(run.part("kept", || write_kept(kept, n_input, config, progress))?),
     };
     let mut trials: Vec<Trial> = Vec::new();
-    let mut tightened = Tightened::new();
+    let mut tightened = Tightened::default();
     while trials.len() < MOST_TRIALS && !trials.last().is_some_and(|trial| trial.ends(bound)) {
         let number = trials.len() + 1;
         if let Some(last) = trials.last() {
-            tightened.tighten(last, bound);
+            if last.beyond.is_empty() || last.number >= LOCAL_TRIALS {
+                tightened.tighten_everywhere(bound, last.upper());
+            }
+            let ball = |one: &Beyond| Tight {
+                place: one.point,
+                radius: one.size,
+                margin: one.distance - bound,
+            };
+            tightened.tighten(bound, last.beyond.iter().map(ball), last.report.rounds > 0);
         }
         let name = format!("trial {number}");
         let found = match job.outcome(&name)? {
@@ -272,45 +256,11 @@ fn run_trial(
     }
     let certificate = comparison.measured.certificate.filter(|enclosed| enclosed.upper.is_finite());
     let beyond = certificate.as_ref().map_or(Vec::new(), |enclosed| enclosed.beyond.clone());
-    let share = tightened.share;
-    let trial = Trial { number, share, report, max, rms, certificate, beyond };
+    let trial = Trial { number, report, max, rms, certificate, beyond };
     if config.error_field && trial.keeps(bound) {
         super::error_field::raise(&request, &Disk::default(), progress)?;
     }
     Ok(Some(trial))
-}
-
-impl Tightened {
-    /// Before the first trial: tighter nowhere.
-    fn new() -> Tightened {
-        Tightened { share: FIRST, places: Vec::new(), depths: Vec::new() }
-    }
-
-    /// Tightens it as much as a trial was beyond the bound: there, or everywhere if the places are not known.
-    ///
-    /// After rounds, points of the original stand for it, and there are places that they do not tell of: a first ball only
-    /// takes all of what earlier rounds have used for lost.
-    fn tighten(&mut self, last: &Trial, bound: f64) {
-        if last.beyond.is_empty() || last.number >= LOCAL_TRIALS {
-            self.share = last.next_share(bound);
-        }
-        let known = self.places.len();
-        let has_points = last.report.rounds > 0;
-        for one in &last.beyond {
-            let earlier = self.places[..known].iter().zip(&self.depths).filter(|(tight, _)| {
-                let off_sq: f64 = (0..3).map(|k| (one.point[k] - tight.place[k]).powi(2)).sum();
-                off_sq <= tight.radius * tight.radius
-            });
-            let (before, depth) = earlier.fold((0.0f64, 0), |most, (tight, &n)| {
-                (most.0.max(tight.margin), most.1.max(n + 1))
-            });
-            let excess = one.distance - bound + KEPT * bound;
-            let margin = if has_points && depth == 0 { 0.0 } else { before + excess };
-            let radius = GROWTH.powi(depth) * one.size;
-            self.depths.push(depth);
-            self.places.push(Tight { place: one.point, radius, margin });
-        }
-    }
 }
 
 impl Trial {
@@ -327,76 +277,5 @@ impl Trial {
     /// True if no further trial is due: the bound is kept, or nothing was left to tighten.
     fn ends(&self, bound: f64) -> bool {
         self.keeps(bound) || self.report.output.triangles == self.report.input.triangles
-    }
-
-    /// Share of the bound to try next, if this one was beyond it.
-    fn next_share(&self, bound: f64) -> f64 {
-        self.share * (AIM * bound / self.upper()).max(MOST_TIGHTENING)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A trial that was up to `upper` away, beyond the bound at some points, on triangles of size 1.
-    fn trial(share: f64, upper: f64, points: &[[f64; 3]]) -> Trial {
-        let at = |&point: &[f64; 3]| Beyond { point, distance: upper, size: 1.0 };
-        let beyond: Vec<Beyond> = points.iter().map(at).collect();
-        Trial {
-            number: 1,
-            share,
-            report: RunReport::default(),
-            max: 0.0,
-            rms: 0.0,
-            certificate: Some(Certificate {
-                lower: 0.0,
-                upper,
-                tolerance: 0.01,
-                certified: true,
-                witness: None,
-                witness_on: None,
-                beyond: beyond.clone(),
-            }),
-            beyond,
-        }
-    }
-
-    #[test]
-    fn what_is_beyond_the_bound_is_tightened_by_as_much() {
-        let trial = |share: f64, upper: f64| trial(share, upper, &[]);
-        assert!(trial(1.0, 2.0).keeps(2.0) && !trial(1.0, 2.1).keeps(2.0));
-        assert!(!trial(1.0, f64::NAN).keeps(2.0));
-        assert!((trial(1.0, 1.25).next_share(1.0) - 0.784).abs() < 1e-12);
-        assert!((trial(0.8, 1e9).next_share(1.0) - 0.4).abs() < 1e-12);
-    }
-
-    #[test]
-    fn balls_grow_where_they_did_not_help_and_once_a_trial() {
-        let mut tightened = Tightened::new();
-        let near = [[0.0; 3], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]];
-        let far = [50.0, 0.0, 0.0];
-        tightened.tighten(&trial(FIRST, 1.5, &near), 1.0);
-        tightened.tighten(&trial(FIRST, 1.5, &[near[1], far]), 1.0);
-        tightened.tighten(&trial(FIRST, 1.5, &[near[2]]), 1.0);
-        let radii: Vec<f64> = tightened.places.iter().map(|tight| tight.radius).collect();
-        assert_eq!(radii, [1.0, 1.0, 1.0, GROWTH, 1.0, GROWTH * GROWTH]);
-        let margins: Vec<f64> = tightened.places.iter().map(|tight| tight.margin).collect();
-        let wanted = [0.6, 0.6, 0.6, 1.2, 0.6, 1.8];
-        assert!(margins.iter().zip(wanted).all(|(margin, x)| (margin - x).abs() < 1e-12));
-        assert_eq!(tightened.share, FIRST);
-    }
-
-    #[test]
-    fn after_rounds_a_first_ball_only_doubts_the_points() {
-        let mut tightened = Tightened::new();
-        let mut found = trial(FIRST, 1.5, &[[0.0; 3]]);
-        found.report.rounds = 2;
-        tightened.tighten(&found, 1.0);
-        tightened.tighten(&found, 1.0);
-        let margins: Vec<f64> = tightened.places.iter().map(|tight| tight.margin).collect();
-        assert_eq!(margins, [0.0, 0.6]);
-        let radii: Vec<f64> = tightened.places.iter().map(|tight| tight.radius).collect();
-        assert_eq!(radii, [1.0, GROWTH]);
     }
 }

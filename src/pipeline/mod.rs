@@ -18,7 +18,6 @@ pub mod optimize;
 pub mod pairs;
 pub mod plan;
 mod prepare;
-mod quality;
 pub mod refine;
 pub mod run_report;
 mod sealed_stages;

@@ -5,13 +5,13 @@
 
 use crate::io::ply::{MeshSource, PartReport, WeldReport, type_name};
 use crate::io::{NUMBER, OBJECT, OutputKind, TexturePlan};
+pub use crate::kernel::QualityReport;
 use crate::measure::solid::Solid;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::face_properties::{FacePolicy, FacePropertyPlan};
 pub use crate::methods::{
     DecimationReport, EdgesReport, GridReport, PairsReport, RetilingReport, SpreadReport,
 };
-pub use crate::pipeline::quality::QualityReport;
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
 use crate::system::losses::Ledger;
 use crate::system::memory::peak_bytes;

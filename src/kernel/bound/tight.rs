@@ -68,6 +68,65 @@ impl<'a> TightPlaces<'a> {
     }
 }
 
+/// Share of the bound that the first run keeps: between the points that the kernel looks at the surface is a little farther away.
+const FIRST: f64 = 0.94;
+/// Share of the bound that is kept in hand, beyond the excess, where it was exceeded.
+const KEPT: f64 = 0.1;
+/// Growth of the ball around a place that is beyond the bound within an earlier ball, over that ball's; the radius of a
+/// first one is the size of the triangle there. Balls that are larger than they need be cost triangles (docs/design/bound.md).
+const GROWTH: f64 = 1.5;
+/// A tighter bound aims at this share of the one that was asked for.
+const AIM: f64 = 0.98;
+/// No run tightens the bound by more than this: one place does not say much of another.
+const MOST_TIGHTENING: f64 = 0.5;
+
+/// Tightening of the bound for runs of one kind, each after one that went beyond it.
+#[derive(Clone, Debug)]
+pub struct Tightened {
+    /// Share of the bound that the run is given, everywhere.
+    pub share: f64,
+    /// The balls.
+    pub places: Vec<Tight>,
+    /// For each place how many balls, one in the other, had not helped there.
+    depths: Vec<i32>,
+}
+
+impl Default for Tightened {
+    /// Before the first run: tighter nowhere.
+    fn default() -> Tightened {
+        Tightened { share: FIRST, places: Vec::new(), depths: Vec::new() }
+    }
+}
+
+impl Tightened {
+    /// Tightens it as much as a run was beyond the bound, where the places are not known.
+    pub fn tighten_everywhere(&mut self, bound: f64, found: f64) {
+        self.share *= (AIM * bound / found).max(MOST_TIGHTENING);
+    }
+
+    /// Tightens it at the places that a run was beyond the bound: balls of the size of the triangle there, with the excess as margin.
+    ///
+    /// After rounds (`has_points`) points of the original stand for it, and there are places that they do not tell of: a first
+    /// ball only takes all of what earlier rounds have used for lost.
+    pub fn tighten(&mut self, bound: f64, beyond: impl Iterator<Item = Tight>, has_points: bool) {
+        let known = self.places.len();
+        for one in beyond {
+            let earlier = self.places[..known].iter().zip(&self.depths).filter(|(tight, _)| {
+                let off_sq: f64 = (0..3).map(|k| (one.place[k] - tight.place[k]).powi(2)).sum();
+                off_sq <= tight.radius * tight.radius
+            });
+            let (before, depth) = earlier.fold((0.0f64, 0), |most, (tight, &n)| {
+                (most.0.max(tight.margin), most.1.max(n + 1))
+            });
+            let excess = one.margin + KEPT * bound;
+            let margin = if has_points && depth == 0 { 0.0 } else { before + excess };
+            let radius = GROWTH.powi(depth) * one.radius;
+            self.depths.push(depth);
+            self.places.push(Tight { place: one.place, radius, margin });
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -96,5 +155,40 @@ mod tests {
             assert_eq!(found.margin(point), plain);
         }
         assert_eq!(TightPlaces::new(&[]).margin([0.0; 3]), None);
+    }
+
+    #[test]
+    fn what_is_beyond_the_bound_is_tightened_by_as_much() {
+        for (share, found, next) in [(1.0, 1.25, 0.784), (0.8, 1e9, 0.4)] {
+            let mut tightened = Tightened { share, ..Tightened::default() };
+            tightened.tighten_everywhere(1.0, found);
+            assert!((tightened.share - next).abs() < 1e-12, "{tightened:?}");
+        }
+    }
+
+    /// Radii and margins after runs that were half of the bound beyond it at these places, on triangles of size 1.
+    fn balls(runs: &[&[Vec3]], has_points: bool) -> Vec<[f64; 2]> {
+        let mut tightened = Tightened::default();
+        for places in runs {
+            let beyond = places.iter().map(|&place| Tight { place, radius: 1.0, margin: 0.5 });
+            tightened.tighten(1.0, beyond, has_points);
+        }
+        assert_eq!(tightened.share, FIRST);
+        tightened.places.iter().map(|ball| [ball.radius, ball.margin]).collect()
+    }
+
+    #[test]
+    fn balls_grow_where_they_did_not_help_and_once_a_run() {
+        let near = [[0.0; 3], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]];
+        let far = [50.0, 0.0, 0.0];
+        let found = balls(&[&near, &[near[1], far], &[near[2]]], false);
+        let (first, second, third) = ([1.0, 0.6], [GROWTH, 1.2], [GROWTH * GROWTH, 1.8]);
+        let wanted = [first, first, first, second, first, third].concat();
+        assert!(
+            found.concat().iter().zip(&wanted).all(|(x, y)| (x - y).abs() < 1e-12),
+            "{found:?}"
+        );
+        // After rounds a first ball only doubts the points.
+        assert_eq!(balls(&[&near[..1], &near[..1]], true), [[1.0, 0.0], [GROWTH, 0.6]]);
     }
 }

@@ -17,13 +17,12 @@ mod whole;
 
 use crate::config::{Config, Method, Target};
 use crate::error::{Error, Result};
-use crate::kernel::{self, FitStatistics, Options, Statistics, Stop};
+use crate::kernel::{self, FitStatistics, Options, QualityCurve, Statistics, Stop};
 use crate::mesh::Mesh;
 use crate::mesh::attribute_weights::ChannelSample;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::codec::ChannelKind;
 use crate::mesh::global_vertex::GlobalVertex;
-use crate::pipeline::quality::QualityCurve;
 use crate::pipeline::run_report::{QualityReport, StopReason};
 use crate::stages::stitch::{self, NextStep};
 use crate::store::cells::CellMesh;

@@ -12,14 +12,13 @@ mod write;
 
 use super::kernel_side::{Facts, kernel_side};
 use super::prepare::Prepared;
-use super::quality::QualityCurve;
 use super::run_report::{LevelReport, RunReport, TextureReport};
 use super::sealed_stages::SealedStages;
 use crate::bake::BakeReport;
 use crate::config::{Config, Target};
 use crate::error::Result;
 use crate::io::TexturePlan;
-use crate::kernel;
+use crate::kernel::{self, QualityCurve};
 use crate::stages::components::ComponentSizes;
 use crate::stages::partition::Partition;
 use crate::stages::stitch::NextStep;

@@ -9,10 +9,10 @@ use crate::bake::{
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::{StageOptions, WeldOptions};
+use crate::kernel::two_digits_up;
 use crate::mesh::record::VertexSchema;
 use crate::pipeline::plan::disk::check_space;
 use crate::pipeline::plan::price_lines;
-use crate::pipeline::quality::two_digits_up;
 use crate::stages::partition::{Shares, Sizes, store_bytes};
 use crate::stages::simplify::work_bytes;
 use crate::stages::tiles::{BYTES_PER_TRIANGLE, carried_scalars};

@@ -3,7 +3,7 @@
 //! A mesh stands for a surface as long as its triangles are long against their distance from it. Where the error
 //! comes near to the length of the edges, the surface has come apart into shards, whatever the count.
 
-use crate::kernel::{Quality, QualityAt};
+use crate::quality::{Quality, QualityAt};
 use serde::{Deserialize, Serialize};
 
 /// A result may no longer stand for its input from this root mean square error over mean edge on. Clean scans stay
@@ -53,7 +53,7 @@ pub struct QualityReport {
 }
 
 /// True if bodies that keep this share of their volume have lost or gained too much.
-pub(super) fn is_off_volume(kept: f64) -> bool {
+pub fn is_off_volume(kept: f64) -> bool {
     (kept - 1.0).abs() > MOST_OF_VOLUME
 }
 
@@ -71,7 +71,7 @@ impl QualityReport {
     }
 
     /// Judges the result of a method that estimates no error, by volumes of input and result; `asked` triangles were wanted.
-    pub(super) fn of_volumes(
+    pub fn of_volumes(
         mean_edge: f64,
         (asked, n_input): (u64, u64),
         volumes: [Option<f64>; 2],
@@ -129,7 +129,7 @@ impl Point {
 
 /// Estimates on the way from the input to the result.
 #[derive(Clone, Debug, Default)]
-pub(super) struct QualityCurve {
+pub struct QualityCurve {
     /// Counts of triangles, falling. What is lost is not found again with fewer triangles, so neither measure falls:
     /// whether a count can be borne never depends on how far below it the run went.
     points: Vec<Point>,
@@ -145,7 +145,7 @@ pub(super) struct QualityCurve {
 
 impl QualityCurve {
     /// Adds a round, or the finish: what it noted on its way, and its end.
-    pub(super) fn add_round(&mut self, curve: &[QualityAt], end: Quality, triangles: u64) {
+    pub fn add_round(&mut self, curve: &[QualityAt], end: Quality, triangles: u64) {
         let end = QualityAt { triangles, quality: end };
         for at in curve.iter().chain([&end]) {
             let rms = (self.mean_square + at.quality.mean_square()).sqrt();
@@ -177,7 +177,7 @@ impl QualityCurve {
     }
 
     /// Says whether the result can be borne, and if not, what count could.
-    pub(super) fn judge(&self, n_input: u64) -> QualityReport {
+    pub fn judge(&self, n_input: u64) -> QualityReport {
         let last = self.points.last().copied();
         let n_triangles = last.map_or(n_input, |point| point.triangles);
         let enough = |n: u64| n.max(two_digits_up(CLEARLY_MORE * n_triangles as f64)).min(n_input);
@@ -237,7 +237,7 @@ impl QualityCurve {
 }
 
 /// Rounds up to two digits: more would promise too much.
-pub(super) fn two_digits_up(count: f64) -> u64 {
+pub fn two_digits_up(count: f64) -> u64 {
     let step = 10f64.powf(count.max(1.0).log10().floor() - 1.0).max(1.0);
     ((count / step).ceil() * step) as u64
 }
