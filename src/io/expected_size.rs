@@ -8,9 +8,12 @@ use super::obj::find3;
 use super::output_format::{OutputFormat, OutputKind};
 use crate::ply::Encoding;
 use crate::ply::writer::{FaceSchema, Shortest, put_text};
+use std::path::Path;
 use stonecut_mesh::colours::ColourPlace;
 use stonecut_mesh::property::{Scalar, read_scalar};
 use stonecut_mesh::record::VertexSchema;
+use stonecut_system::units::{show_bytes, show_count};
+use stonecut_system::{Error, Result};
 
 /// Bytes of a header beyond its comments; of the description in a GLB file.
 const HEADER_BYTES: f64 = 700.0;
@@ -170,5 +173,40 @@ impl Expected<'_> {
             }
         }
         rows.len() as f64 / self.n_sampled()
+    }
+}
+
+/// Refuses a result that its format cannot hold; the writers look at it again, when all counts are known.
+pub fn refuse_too_large(
+    kind: OutputKind,
+    (n_faces, bytes): (u64, u64),
+    output: &Path,
+) -> Result<()> {
+    // Vertices are estimated.
+    const MARGIN: f64 = 1.05;
+    let holds = match kind {
+        OutputKind::Glb if bytes as f64 > MARGIN * u32::MAX as f64 => "4 GiB",
+        OutputKind::Stl if n_faces > u64::from(u32::MAX) => "4,294,967,295 triangles",
+        _ => return Ok(()),
+    };
+    Err(Error::Usage(format!(
+        "{}: the format holds {holds} at most, this would be {} triangles in about {}; write .ply, or ask for fewer",
+        output.display(),
+        show_count(n_faces),
+        show_bytes(bytes)
+    )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_format_cannot_hold_is_refused_before_the_work() {
+        let fits =
+            |kind, n: u64, bytes: u64| refuse_too_large(kind, (n, bytes), Path::new("o")).is_ok();
+        assert!(fits(OutputKind::Glb, 10, 1 << 32) && !fits(OutputKind::Glb, 400_000_000, 7 << 30));
+        assert!(!fits(OutputKind::Stl, 1 << 32, 0) && fits(OutputKind::Stl, (1 << 32) - 1, 0));
+        assert!(fits(OutputKind::Ply, 1 << 40, 1 << 50) && fits(OutputKind::Obj, 1 << 40, 1 << 50));
     }
 }

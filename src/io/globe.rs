@@ -356,4 +356,14 @@ mod tests {
         assert!(Crs::of("EPSG:27700").unwrap().has_shift());
         assert!(!Crs::of("EPSG:25832").unwrap().has_shift());
     }
+
+    #[test]
+    fn places_on_the_earth_have_their_axes() {
+        let m = east_north_up([0.0, 90.0, 10.0]);
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-6;
+        // East is -x there, north is z, up is y.
+        assert!(near(m[0], -1.0) && near(m[6], 1.0) && near(m[9], 1.0));
+        assert!(near(m[12], 0.0) && near(m[13], 6_378_147.0) && near(m[14], 0.0));
+        assert!(near(east_north_up([90.0, 0.0, 0.0])[14], 6_356_752.314_245_179));
+    }
 }

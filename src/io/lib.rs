@@ -43,7 +43,7 @@ mod weld;
 mod wkt;
 
 pub use duplicates::{DuplicateFinder, Duplicates};
-pub use expected_size::{Expected, expected_bytes};
+pub use expected_size::{Expected, expected_bytes, refuse_too_large};
 pub use external_sort::{ExternalSort, halves, whole};
 pub use face_labels::{FaceLabels, SIDES};
 pub use face_survey::{SurveyOptions, survey_faces};

@@ -27,6 +27,7 @@ mod parts;
 pub mod plan;
 pub mod region;
 pub mod sample;
+pub mod shapes;
 mod side;
 pub mod solid;
 pub mod step;

@@ -7,21 +7,14 @@ use crate::error::Result;
 use crate::io::StageOptions;
 use crate::io::ply::MeshSource;
 use crate::measure::load;
-use crate::mesh::Mesh;
-use crate::mesh::vec3::{dot, length_sq, sub};
+use crate::measure::shapes::ShapeCounts;
 use crate::render::{Resources, Sphere, View};
 use crate::system::progress::Progress;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// Bins of smallest angles, 0 to 60 degrees.
-const ANGLE_BINS: usize = 60;
-
 const MEBIBYTE: f64 = 1048576.0;
-
-/// A triangle with a smaller angle is a sliver, in degrees.
-const SLIVER: f64 = 10.0;
 
 /// Side of a close-up, as a share of the original's diagonal.
 const CLOSE_UP: f64 = 0.05;
@@ -57,86 +50,38 @@ pub struct Absent {
     pub reason: String,
 }
 
-/// Shapes of the triangles of a mesh.
-#[derive(Clone, Debug, Default, PartialEq)]
-struct ShapeCounts {
-    /// Triangles by their smallest angle, in bins of one degree.
-    counts: Vec<f64>,
-    /// Median of the smallest angles, in degrees.
-    median: f64,
-    /// Share of slivers.
-    slivers: f64,
-    /// Mean length of an edge, in input units.
-    mean_edge: f64,
-}
-
-impl ShapeCounts {
-    fn of(mesh: &Mesh) -> ShapeCounts {
-        let mut all: Vec<f64> =
-            (0..mesh.triangles.len()).map(|t| smallest(mesh.corners(t))).collect();
-        all.sort_by(f64::total_cmp);
-        let mut counts = vec![0.0; ANGLE_BINS];
-        all.iter().for_each(|angle| counts[(*angle as usize).min(ANGLE_BINS - 1)] += 1.0);
-        let slivers = all.partition_point(|&angle| angle < SLIVER) as f64;
-        let median = all.get(all.len() / 2).copied().unwrap_or(0.0);
-        let n = all.len().max(1) as f64;
-        let around = |[p, q, r]: [[f64; 3]; 3]| {
-            [sub(q, p), sub(r, q), sub(p, r)].map(|edge| length_sq(edge).sqrt()).iter().sum::<f64>()
-        };
-        let lengths: f64 = (0..mesh.triangles.len()).map(|t| around(mesh.corners(t))).sum();
-        ShapeCounts { counts, median, slivers: slivers / n, mean_edge: lengths / (3.0 * n) }
-    }
-
-    /// The share of all triangles in each bin.
-    fn shares(&self) -> impl Iterator<Item = f64> {
-        let all = self.counts.iter().sum::<f64>().max(1.0);
-        self.counts.iter().map(move |n| n / all)
-    }
-
-    /// Columns for 0 to 60 degrees, with a line at the median; `most` is the share that is as high as the picture.
-    fn plot(&self, most: f64) -> String {
-        let mut out = String::from(
-            "<svg role=\"img\" aria-label=\"Triangles by their smallest angle\" viewBox=\"0 0 390 150\">",
-        );
-        let x = |degrees: f64| 10.0 + 6.0 * degrees;
-        for (i, share) in self.shares().enumerate().filter(|(_, share)| *share > 0.0) {
-            let height = 110.0 * share / most;
-            // A String takes everything that is written to it.
-            let _ = write!(
-                out,
-                "<rect x=\"{}\" y=\"{:.1}\" width=\"5.4\" height=\"{height:.1}\"/>",
-                x(i as f64),
-                120.0 - height
-            );
-        }
-        for degrees in [0.0, 15.0, 30.0, 45.0, 60.0] {
-            let _ = write!(
-                out,
-                "<text x=\"{}\" y=\"136\" text-anchor=\"middle\">{degrees}\u{b0}</text>",
-                x(degrees)
-            );
-        }
-        let (at, median) = (x(self.median), self.median);
-        let (anchor, aside) = if median > 30.0 { ("end", -4.0) } else { ("start", 4.0) };
+/// Columns for 0 to 60 degrees, with a line at the median; `most` is the share that is as high as the picture.
+fn plot(shapes: &ShapeCounts, most: f64) -> String {
+    let mut out = String::from(
+        "<svg role=\"img\" aria-label=\"Triangles by their smallest angle\" viewBox=\"0 0 390 150\">",
+    );
+    let x = |degrees: f64| 10.0 + 6.0 * degrees;
+    for (i, share) in shapes.shares().enumerate().filter(|(_, share)| *share > 0.0) {
+        let height = 110.0 * share / most;
+        // A String takes everything that is written to it.
         let _ = write!(
             out,
-            "<path d=\"M{at:.1} 0V120\" stroke=\"#b03a2e\"/><text x=\"{:.1}\" y=\"11\" text-anchor=\"{anchor}\">\
-             median {median:.0}\u{b0}</text></svg>",
-            at + aside
+            "<rect x=\"{}\" y=\"{:.1}\" width=\"5.4\" height=\"{height:.1}\"/>",
+            x(i as f64),
+            120.0 - height
         );
-        out
     }
-}
-
-/// The smallest angle of a triangle, in degrees; 0 where an edge has no length.
-fn smallest(corners: [[f64; 3]; 3]) -> f64 {
-    let at = |i: usize| {
-        let (p, q, r) = (corners[i], corners[(i + 1) % 3], corners[(i + 2) % 3]);
-        let (u, v) = (sub(q, p), sub(r, p));
-        let cosine = dot(u, v) / (length_sq(u) * length_sq(v)).sqrt();
-        if cosine.is_finite() { cosine.clamp(-1.0, 1.0).acos().to_degrees() } else { 0.0 }
-    };
-    at(0).min(at(1)).min(at(2))
+    for degrees in [0.0, 15.0, 30.0, 45.0, 60.0] {
+        let _ = write!(
+            out,
+            "<text x=\"{}\" y=\"136\" text-anchor=\"middle\">{degrees}\u{b0}</text>",
+            x(degrees)
+        );
+    }
+    let (at, median) = (x(shapes.median), shapes.median);
+    let (anchor, aside) = if median > 30.0 { ("end", -4.0) } else { ("start", 4.0) };
+    let _ = write!(
+        out,
+        "<path d=\"M{at:.1} 0V120\" stroke=\"#b03a2e\"/><text x=\"{:.1}\" y=\"11\" text-anchor=\"{anchor}\">\
+         median {median:.0}\u{b0}</text></svg>",
+        at + aside
+    );
+    out
 }
 
 /// The whole page as text.
@@ -295,7 +240,7 @@ fn plots(contenders: &[Contender], shapes: &[ShapeCounts], out: &mut String) {
     let most = shapes.iter().flat_map(ShapeCounts::shares).fold(0.0, f64::max);
     for (contender, shapes) in contenders.iter().zip(shapes) {
         let name = escape(&contender.name);
-        let _ = write!(out, "<section><h3>{name}</h3>{}</section>", shapes.plot(most));
+        let _ = write!(out, "<section><h3>{name}</h3>{}</section>", plot(shapes, most));
     }
     out.push_str("</div>");
 }
@@ -327,50 +272,4 @@ fn pictures(
 fn place(value: &Value) -> Option<[f64; 3]> {
     let numbers: Vec<f64> = value.as_array()?.iter().filter_map(Value::as_f64).collect();
     numbers.try_into().ok()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn angles_are_those_of_the_triangles() {
-        let positions = vec![
-            [0.0; 3],
-            [1.0, 0.0, 0.0],
-            [0.0, 1.0, 0.0],
-            [0.5, 0.75f64.sqrt(), 0.0],
-            [2.0, 0.0, 0.0],
-        ];
-        let mesh = Mesh::new(positions, vec![[0, 1, 2], [0, 1, 3], [0, 1, 4]]);
-        let shapes = ShapeCounts::of(&mesh);
-        assert!((shapes.median - 45.0).abs() < 1e-9 && (shapes.slivers - 1.0 / 3.0).abs() < 1e-9);
-        assert_eq!((shapes.counts[0], shapes.counts.iter().sum::<f64>()), (1.0, 3.0));
-        assert!((shapes.mean_edge - (9.0 + 2.0f64.sqrt()) / 9.0).abs() < 1e-9, "{shapes:?}");
-        assert_eq!(smallest([[0.0; 3]; 3]), 0.0);
-    }
-
-    #[test]
-    fn the_best_of_a_row_is_marked() {
-        let contender = |name: &str, rms: f64| Contender {
-            name: name.to_owned(),
-            mesh: PathBuf::new(),
-            run: json!({"seconds": 2.0, "output": {"triangles": 10}}),
-            measured: json!({"rms": rms}),
-        };
-        let both = [contender("a<b", 0.5), contender("c", 0.25)];
-        let mut out = String::new();
-        let shapes = ShapeCounts { mean_edge: 2.0, ..ShapeCounts::default() };
-        table(&both, &[shapes, ShapeCounts::default()], &mut out);
-        assert!(out.contains("… of the mean edge, %</th><td>25</td><td>-</td>"), "{out}");
-        assert!(out.contains("<td>0.500</td><td class=\"best\">0.250</td>"), "{out}");
-        assert!(out.contains("a&lt;b") && !out.contains("a<b"));
-        assert!(plots_of(&both).contains("Peak memory"));
-    }
-
-    fn plots_of(contenders: &[Contender]) -> String {
-        let mut out = String::new();
-        plots(contenders, &[], &mut out);
-        out
-    }
 }

@@ -6,7 +6,6 @@
 //! kernel's channels and back.
 
 pub mod attributes;
-mod cells;
 pub mod given;
 mod map;
 mod models;
@@ -24,12 +23,12 @@ use crate::mesh::bounds::Bounds;
 use crate::mesh::codec::ChannelKind;
 use crate::mesh::global_vertex::GlobalVertex;
 use crate::pipeline::run_report::{QualityReport, StopReason};
+use crate::stages::partition::CutMesh;
 use crate::stages::stitch::{self, NextStep};
 use crate::store::cells::CellMesh;
 use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
 use attributes::Attributes;
-use cells::CutMesh;
 pub use map::GONE;
 use map::RowMap;
 use models::RowModels;

@@ -2,11 +2,11 @@
 //!
 //! docs/algorithm.md, section 11.
 
-use super::cells::CutMesh;
 use super::whole::{Left, WholeMesh};
 use crate::error::Result;
 use crate::kernel::{self, Options, Simplified, Stepwise, Stop};
 use crate::mesh::global_vertex::GlobalVertex;
+use crate::stages::partition::CutMesh;
 use crate::stages::simplify::{Thresholds, descend, ladder, pilot_sample};
 use crate::store::cell_id::CellId;
 use crate::store::cells::CellMesh;
@@ -38,7 +38,7 @@ pub(super) fn round(
     means: Means,
 ) -> Result<Vec<Left>> {
     let n_triangles = whole.mesh.triangles.len() as u64;
-    let load = |cell| cut.load(whole, cell, tidies);
+    let load = |cell| cut.load(&whole.mesh, &whole.ids, cell, tidies);
     let thresholds = Pilot { cut, load: &load, options, means };
     let (thresholds, begun) = thresholds.run(goal as f64 / n_triangles as f64)?;
     let results: Mutex<BTreeMap<CellId, Left>> = Mutex::default();

@@ -1,14 +1,12 @@
 //! The expected size of an output, and whether its format can hold it.
 
 use crate::config::{Config, Normals, Target};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::io::ply::{FaceSchema, MeshSource, VertexBlock};
-use crate::io::{Expected, OutputKind, expected_bytes};
+use crate::io::{Expected, expected_bytes, refuse_too_large};
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
 use crate::stages::write;
-use crate::system::units::{show_bytes, show_count};
-use std::path::Path;
 
 /// Vertices of the input by which the length of a text is expected.
 const SAMPLED_VERTICES: usize = 512;
@@ -60,23 +58,6 @@ pub(in crate::pipeline) fn output(
     Ok((bytes + comments.map(|line| line.len() as u64 + 9).sum::<u64>(), spool))
 }
 
-/// Refuses a result that its format cannot hold; the writers look at it again, when all counts are known.
-fn refuse_too_large(kind: OutputKind, (n_faces, bytes): (u64, u64), output: &Path) -> Result<()> {
-    // Vertices are estimated.
-    const MARGIN: f64 = 1.05;
-    let holds = match kind {
-        OutputKind::Glb if bytes as f64 > MARGIN * u32::MAX as f64 => "4 GiB",
-        OutputKind::Stl if n_faces > u64::from(u32::MAX) => "4,294,967,295 triangles",
-        _ => return Ok(()),
-    };
-    Err(Error::Usage(format!(
-        "{}: the format holds {holds} at most, this would be {} triangles in about {}; write .ply, or ask for fewer",
-        output.display(),
-        show_count(n_faces),
-        show_bytes(bytes)
-    )))
-}
-
 fn is_normal(property: &Property) -> bool {
     property.name == "nx"
 }
@@ -91,18 +72,4 @@ fn with_normals(mut schema: VertexSchema, sample: &[u8]) -> (VertexSchema, Vec<u
     let new = new.map(|name| Property::new(name, Scalar::F32));
     schema.properties.extend(new);
     (schema, wider)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_a_format_cannot_hold_is_refused_before_the_work() {
-        let fits =
-            |kind, n: u64, bytes: u64| refuse_too_large(kind, (n, bytes), Path::new("o")).is_ok();
-        assert!(fits(OutputKind::Glb, 10, 1 << 32) && !fits(OutputKind::Glb, 400_000_000, 7 << 30));
-        assert!(!fits(OutputKind::Stl, 1 << 32, 0) && fits(OutputKind::Stl, (1 << 32) - 1, 0));
-        assert!(fits(OutputKind::Ply, 1 << 40, 1 << 50) && fits(OutputKind::Obj, 1 << 40, 1 << 50));
-    }
 }

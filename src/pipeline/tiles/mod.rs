@@ -12,7 +12,6 @@ mod plan;
 pub mod report;
 mod rounds;
 mod textures;
-mod tree;
 mod viewer;
 mod world;
 
@@ -52,7 +51,6 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
-use tree::TreeLevels;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Writes the tree of tiles of `config.input` to `config.output`.
@@ -143,9 +141,14 @@ fn run(
     stages.stages.begin("write", 1);
     let step = grid.lattice.step_of(stages.hidden.rounds);
     let lattice = Lattice { step, ..grid.lattice };
-    let levels =
-        TreeLevels { lattice, rounds: &rounds, hidden: &hidden, top: &top, pixels: config.pixels };
-    let (tiles, deviations) = tree::tree(&levels);
+    let levels = tiles::TreeLevels {
+        lattice,
+        rounds: &rounds,
+        hidden: &hidden,
+        top: &top,
+        pixels: config.pixels,
+    };
+    let (tiles, deviations) = tiles::tree(&levels);
     let root = tiles.iter().rposition(|tile| tile.level as usize == rounds.len()).unwrap_or(0);
     let leaves = tiles.iter().filter(|tile| tile.level == 0);
     let leaf_triangles = leaves.map(|tile| tile.triangles).sum();

@@ -7,6 +7,7 @@
 mod cell_table;
 mod checkpoint;
 mod halo;
+mod in_memory;
 mod locality;
 mod memory;
 mod missing;
@@ -21,12 +22,13 @@ mod sorted;
 mod tests;
 mod triangles;
 
+pub use in_memory::CutMesh;
 pub use memory::{Shares, Sizes};
 pub use parts::{
     Part, Scanned, Scattered, SharedPart, join_parts, scan_part, scatter_part, share_part,
     tree_of_parts,
 };
-pub use scan::{Scan, chosen, scan};
+pub use scan::{Scan, scan};
 
 use cell_table::CellTable;
 use checkpoint::{Checkpoints, Pass, take_up, tally};

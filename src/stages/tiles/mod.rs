@@ -10,6 +10,7 @@ mod boxes;
 mod mesh;
 mod scalars;
 mod textured;
+mod tree;
 
 use boxes::Boxes;
 use mesh::{Part, Whole};
@@ -27,6 +28,7 @@ use stonecut_system::disk::Disk;
 use stonecut_system::error::{Error, Result};
 use stonecut_system::parallel::both;
 pub use textured::{Places, Shape, encode_with_page, read_shapes};
+pub use tree::{TreeLevels, tree};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Groups whose tiles lie in one folder: at most 64 tiles each, fewer than 1,000 files together.

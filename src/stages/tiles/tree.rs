@@ -7,14 +7,14 @@
 //!
 //! docs/design/tiles.md.
 
-use crate::io::tileset::TreeTile;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::vec3::{length_sq, sub};
-use crate::stages::tiles::tile_path;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{BoxKey, GroupRecord, Lattice, TileRecord, group_of, parent_of};
+use super::tile_path;
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
+use stonecut_io::tileset::TreeTile;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::{length_sq, sub};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{BoxKey, GroupRecord, Lattice, TileRecord, group_of, parent_of};
 
 /// Errors grow from level to level by this share at least.
 const LEAST_STEP: f64 = 1.0 / 512.0;
@@ -23,19 +23,21 @@ const LEAST_STEP: f64 = 1.0 / 512.0;
 const VIEWER_PIXELS: f64 = 16.0;
 
 /// The rounds of a tree and the tile at its top.
-pub(super) struct TreeLevels<'a> {
-    pub(super) lattice: Lattice,
+pub struct TreeLevels<'a> {
+    /// The lattice of the tree.
+    pub lattice: Lattice,
     /// The groups of each round, sorted.
-    pub(super) rounds: &'a [Vec<GroupRecord>],
+    pub rounds: &'a [Vec<GroupRecord>],
     /// The groups of the rounds before, which have written nothing.
-    pub(super) hidden: &'a [Vec<GroupRecord>],
-    pub(super) top: &'a TileRecord,
+    pub hidden: &'a [Vec<GroupRecord>],
+    /// The tile at the top.
+    pub top: &'a TileRecord,
     /// Pixels that the distance from the input may have on the screen.
-    pub(super) pixels: f64,
+    pub pixels: f64,
 }
 
 /// The tiles of a tree, the top last, and the largest distance from the input of each level.
-pub(super) fn tree(levels: &TreeLevels) -> (Vec<TreeTile>, Vec<f64>) {
+pub fn tree(levels: &TreeLevels) -> (Vec<TreeTile>, Vec<f64>) {
     let mut tree = Tree { leaves: hidden(levels.hidden), ..Tree::default() };
     let n_rounds = levels.rounds.len() as u32;
     for (level, round) in (0u32..).zip(levels.rounds) {

@@ -6,23 +6,22 @@
 //!
 //! docs/algorithm.md, section 10.
 
-use super::whole::WholeMesh;
-use crate::error::Result;
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::stages::partition::chosen;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{CellMesh, CellTree, TurnedFrame, n_samples, plan_cells};
-use crate::system::parallel::in_blocks;
-use crate::system::progress::Progress;
+use super::scan::chosen;
 use std::ops::Range;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{CellMesh, CellTree, TurnedFrame, n_samples, plan_cells};
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_blocks;
+use stonecut_system::progress::Progress;
 
 /// Vertices worked on at a time by one thread.
 const BLOCK: usize = 1 << 16;
 
 /// A mesh cut into cells. Memory: 4 bytes a triangle, 1 a vertex; 4 a vertex more while it is made.
-pub(super) struct CutMesh {
+pub struct CutMesh {
     /// Triangles, cell by cell; within a cell in the order of the mesh.
     order: Vec<u32>,
     /// First place of each cell in `order`, and the end.
@@ -30,12 +29,12 @@ pub(super) struct CutMesh {
     /// True if cells share the vertex.
     shared: Vec<bool>,
     /// Vertices that cells share.
-    pub(super) n_shared: u64,
+    pub n_shared: u64,
 }
 
 impl CutMesh {
     /// Cuts `mesh` into cells of about `cell_triangles` triangles, in the frame of a round.
-    pub(super) fn new(
+    pub fn new(
         mesh: &Mesh,
         cell_triangles: u64,
         round: u32,
@@ -68,7 +67,8 @@ impl CutMesh {
         Ok(CutMesh { order, starts, shared, n_shared })
     }
 
-    pub(super) fn n_cells(&self) -> usize {
+    /// Number of cells.
+    pub fn n_cells(&self) -> usize {
         self.starts.len() - 1
     }
 
@@ -76,20 +76,20 @@ impl CutMesh {
         self.starts[cell]..self.starts[cell.index() + 1]
     }
 
-    pub(super) fn n_triangles(&self, cell: CellId) -> u64 {
+    /// Triangles of a cell.
+    pub fn n_triangles(&self, cell: CellId) -> u64 {
         self.range(cell).len() as u64
     }
 
-    /// Copies one cell out of the mesh that was cut. Its vertices are in the order of the mesh; its ids are those of
-    /// `whole`. Without repeated triangles if `tidies`.
-    pub(super) fn load(&self, whole: &WholeMesh, cell: CellId, tidies: bool) -> CellMesh {
-        let mesh = &whole.mesh;
+    /// Copies one cell out of the mesh that was cut, whose vertices are these vertices of the input. Its vertices are in the
+    /// order of the mesh. Without repeated triangles if `tidies`.
+    pub fn load(&self, mesh: &Mesh, ids: &[u32], cell: CellId, tidies: bool) -> CellMesh {
         let rows = &self.order[self.range(cell)];
         let corners = || rows.iter().flat_map(|&t| mesh.triangles[t as usize]);
         let ranks = CellRanks::of(corners);
         let vertices: Vec<u32> = ranks.ids().collect();
         let mut out = CellMesh {
-            ids: vertices.iter().map(|&v| GlobalVertex::in_memory(whole.ids[v as usize])).collect(),
+            ids: vertices.iter().map(|&v| GlobalVertex::in_memory(ids[v as usize])).collect(),
             records: Vec::new(),
             shared: vertices.iter().map(|&v| self.shared[v as usize]).collect(),
             mesh: Mesh {
@@ -207,28 +207,27 @@ mod tests {
         mesh.n_channels = 1;
         mesh.channels = (0..(n + 1) * (n + 1)).map(|v| v as f32).collect();
         let n_vertices = mesh.positions.len();
-        let whole = WholeMesh { ids: (0..n_vertices as u32).collect(), mesh };
+        let ids: Vec<u32> = (0..n_vertices as u32).collect();
         let progress = Progress::default();
         for threads in [1, 3] {
-            let cut =
-                CutMesh::new(&whole.mesh, 200, 0, threads, &progress).expect("nothing stops it");
+            let cut = CutMesh::new(&mesh, 200, 0, threads, &progress).expect("nothing stops it");
             assert!(cut.n_cells() >= 4);
             let mut users = vec![0; n_vertices];
             let mut found = Vec::new();
             for cell in CellId::first(cut.n_cells()) {
-                let loaded = cut.load(&whole, cell, true);
+                let loaded = cut.load(&mesh, &ids, cell, true);
                 assert_eq!(loaded.mesh.triangles.len() as u64, cut.n_triangles(cell));
                 for (v, &id) in loaded.ids.iter().enumerate() {
                     let id = id.narrow() as usize;
                     users[id] += 1;
-                    assert_eq!(loaded.mesh.positions[v], whole.mesh.positions[id]);
+                    assert_eq!(loaded.mesh.positions[v], mesh.positions[id]);
                     assert_eq!(loaded.mesh.channels[v], id as f32);
                 }
                 let named = |t: &[u32; 3]| t.map(|v| loaded.ids[v as usize].narrow());
                 found.extend(loaded.mesh.triangles.iter().map(named));
             }
             found.sort_unstable();
-            let mut expected = whole.mesh.triangles.clone();
+            let mut expected = mesh.triangles.clone();
             expected.sort_unstable();
             assert_eq!(found, expected);
             assert!((0..n_vertices).all(|v| users[v] < 2 || cut.shared[v]));
