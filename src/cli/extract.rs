@@ -136,16 +136,3 @@ impl Args {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn boxes_have_six_numbers_in_order() {
-        assert_eq!(parse_box("-1,0,2, 3,0,5"), Ok(BoxCorners([[-1.0, 0.0, 2.0], [3.0, 0.0, 5.0]])));
-        for text in ["", "1,2,3", "1,0,0,0,1,1", "1,2,3,4,5,nan", "1,2,3,4,5,6,7"] {
-            assert!(parse_box(text).is_err(), "{text}");
-        }
-    }
-}

@@ -70,26 +70,3 @@ fn write_page(folder: &Path, name: &str, command: clap::Command) -> Result<()> {
         .and_then(|()| std::fs::write(&path, &page))
         .map_err(|e| Error::io(&path, "cannot write", e))
 }
-
-#[cfg(test)]
-mod tests {
-    use crate::cli::CommandLine;
-    use clap::CommandFactory;
-
-    fn check(command: &clap::Command) {
-        let name = command.get_name();
-        assert!(command.get_about().is_some(), "{name} does not say what it does");
-        for argument in command.get_arguments().filter(|a| !a.is_hide_set()) {
-            let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
-            assert!(help.len() > 8, "{name}: {} has no help", argument.get_id());
-        }
-        command.get_subcommands().filter(|sub| sub.get_name() != "help").for_each(check);
-    }
-
-    #[test]
-    fn every_command_and_every_option_has_a_help_text() {
-        let mut command = CommandLine::command();
-        command.build();
-        check(&command);
-    }
-}

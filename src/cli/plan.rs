@@ -163,14 +163,3 @@ fn quoted(word: &Path) -> String {
         false => format!("'{}'", word.replace('\'', r"'\''")),
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn words_reach_a_shell_as_they_are() {
-        assert_eq!(quoted(Path::new("/a/b-c.ply")), "/a/b-c.ply");
-        assert_eq!(quoted(Path::new("it's $1")), r"'it'\''s $1'");
-    }
-}

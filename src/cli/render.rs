@@ -295,36 +295,3 @@ fn parse_scale_end(text: &str) -> Result<f64, String> {
     let end = text.parse().ok().filter(|x: &f64| x.is_finite() && *x > 0.0);
     end.ok_or_else(|| format!("'{text}' is not the end of a scale; write a number above 0"))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn memory_is_a_size_or_a_share() {
-        use clap::{Args as _, FromArgMatches};
-        let memory = |word: &str| {
-            let command = Args::augment_args(clap::Command::new("render"));
-            let words = ["render", "m.ply", "-o", "p.png", "--memory", word];
-            let found = command.try_get_matches_from(words).map_err(|error| error.to_string())?;
-            Args::from_arg_matches(&found)
-                .map(|args| args.memory)
-                .map_err(|error| error.to_string())
-        };
-        let limit = crate::system::memory::limit_bytes();
-        assert_eq!(memory("50%"), Ok(Some((0.5 * limit as f64) as u64)));
-        assert_eq!(memory("2GiB"), Ok(Some(2 << 30)));
-        assert!(memory("half").is_err());
-    }
-
-    #[test]
-    fn sizes_directions_and_spheres_are_read_or_refused_with_an_example() {
-        assert_eq!(parse_size("640x480"), Ok((640, 480)));
-        assert_eq!(parse_direction("1,-2,0.5"), Ok(Direction::From([1.0, -2.0, 0.5])));
-        let sphere = Sphere { centre: [1.0, 2.0, -3.0], radius: 0.5 };
-        assert_eq!(parse_sphere("1,2,-3,0.5"), Ok(sphere));
-        assert!(parse_size("640").is_err() && parse_size("-1x5").is_err());
-        assert!(parse_direction("0,0,0").is_err() && parse_direction("up").is_err());
-        assert!(parse_sphere("1,2,3,0").is_err() && parse_sphere("1,2,3,NaN").is_err());
-    }
-}

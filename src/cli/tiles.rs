@@ -382,26 +382,3 @@ fn tell(report: &TilesReport, coding: Option<BasisCoding>, session: &mut Session
         ));
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn places_on_the_earth_have_their_axes() {
-        let m = east_north_up([0.0, 90.0, 10.0]);
-        let near = |a: f64, b: f64| (a - b).abs() < 1e-6;
-        // East is -x there, north is z, up is y.
-        assert!(near(m[0], -1.0) && near(m[6], 1.0) && near(m[9], 1.0));
-        assert!(near(m[12], 0.0) && near(m[13], 6_378_147.0) && near(m[14], 0.0));
-        let pole = east_north_up([90.0, 0.0, 0.0]);
-        assert!(near(pole[14], 6_356_752.314_245_179));
-        assert!(parse_geo("91,0,0").is_err() && parse_geo("1,2").is_err());
-        assert_eq!(parse_finest("10%"), Ok(Finest::Ratio(0.1)));
-        assert_eq!(parse_finest("0.25"), Ok(Finest::Ratio(0.25)));
-        assert_eq!(parse_finest("4M"), Ok(Finest::Triangles(4_000_000)));
-        assert!(["0", "-1", "7", "200%", "x"].iter().all(|text| parse_finest(text).is_err()));
-        assert!(parse_transform("1,0,0,0,0,1,0,0,0,0,1,0,5,6,7,1").is_ok());
-        assert!(parse_transform("1,0,0,1,0,1,0,0,0,0,1,0,5,6,7,1").is_err());
-    }
-}

@@ -103,27 +103,3 @@ pub(crate) fn sha256_of(bytes: &[u8]) -> String {
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn files_are_hashed_as_sha256sum_does_and_named_from_the_folder() {
-        let place = tempfile::tempdir().unwrap();
-        let at = place.path();
-        std::fs::create_dir_all(at.join("kept/in")).unwrap();
-        std::fs::write(at.join("abc"), "abc").unwrap();
-        let progress = Progress::default();
-        let mut hashes = Hashes::beside(&at.join("kept/r.json"), &progress).unwrap();
-        let (name, found) = hashes.entry(&at.join("kept/in/../../abc")).unwrap();
-        assert_eq!((name.as_str(), found.bytes), ("../abc", 3));
-        assert_eq!(
-            found.sha256,
-            "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
-        );
-        assert_eq!(hashes.name(&at.join("kept")).unwrap(), ".");
-        assert_eq!(hashes.entry(&at.join("kept/in/x")).unwrap().1.sha256, MISSING);
-        assert!(hashes.entry(&at.join("kept/in")).is_err());
-    }
-}

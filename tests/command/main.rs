@@ -18,3 +18,4 @@ mod report_schema;
 mod serve;
 mod stopping;
 mod terminal;
+mod words;

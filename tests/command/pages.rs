@@ -42,6 +42,20 @@ fn every_command_has_a_page_with_all_of_its_options() {
     let mut n_options = 0;
     for command in &commands {
         let text = page(&format!("stonecut-{command}")).replace("\\-", "-");
+        let about = text.split(&format!("\nstonecut-{command} - ")).nth(1);
+        assert!(
+            about.is_some_and(|about| !about.starts_with('\n')),
+            "{command} does not say what it does"
+        );
+        // A name and its help, each on a line.
+        let lines: Vec<&str> = text.lines().collect();
+        for row in lines.windows(3).filter(|row| row[0] == ".TP") {
+            assert!(
+                row[2].len() > 8 && !row[2].starts_with('.'),
+                "{command}: {} has no help",
+                row[1]
+            );
+        }
         for option in options(command) {
             assert!(text.contains(&format!("--{option}")), "stonecut-{command}.1: --{option}");
             n_options += 1;

@@ -68,14 +68,16 @@ fn inputs(at: &Path) {
     std::fs::create_dir(at.join("out")).unwrap();
 }
 
+fn sha256(bytes: &[u8]) -> String {
+    sha2::Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// A receipt that was edited, with its checksum made right again.
 fn forge(at: &Path, edit: impl FnOnce(&mut Value)) {
     let mut receipt = json(at, "out/R.json");
     edit(&mut receipt);
     receipt.as_object_mut().unwrap().remove("sha256");
-    let hash = sha2::Sha256::digest(receipt.to_string());
-    let hash: String = hash.iter().map(|byte| format!("{byte:02x}")).collect();
-    receipt["sha256"] = hash.into();
+    receipt["sha256"] = sha256(receipt.to_string().as_bytes()).into();
     std::fs::write(at.join("out/F.json"), receipt.to_string()).unwrap();
 }
 
@@ -114,6 +116,12 @@ fn receipts_are_the_same_bytes_on_other_threads_and_hold() {
         assert!(said.contains("verified: ") && said.contains("proven again"), "{words}: {said}");
         verify_elsewhere(at, &format!("out/{number}.json"), again);
     }
+    // As `sha256sum` has it, named from the folder of the receipt.
+    let bytes = std::fs::read(at.join("in.ply")).unwrap();
+    let wanted = json!({"bytes": bytes.len(), "sha256": sha256(&bytes)});
+    assert_eq!(json(at, "out/0.json")["input"]["files"]["../in.ply"], wanted);
+    expect(at, "simplify parts out/m.ply --ratio 50% --receipt parts/R.json -q", 0);
+    assert_eq!(json(at, "parts/R.json")["input"]["given"], json!(["."]));
     assert_eq!(json(at, "out/11.json")["input"]["beside"].as_object().unwrap().len(), 1);
     assert!(json(at, "out/10.json")["input"]["files"].as_object().unwrap().len() >= 3);
     // Another folder of the same files is as good, and a file more is named.

@@ -2,9 +2,12 @@
 
 use crate::common::start;
 use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpStream;
+use std::net::{IpAddr, Ipv4Addr, TcpListener, TcpStream};
 use std::path::Path;
 use std::process::Child;
+use std::sync::Arc;
+use std::time::Duration;
+use stonecut::cli::serve::{Offered, talk};
 
 struct Served {
     child: Child,
@@ -140,10 +143,17 @@ fn nothing_outside_of_the_folder_is_served() {
     std::os::unix::fs::symlink("..", folder.join("up")).unwrap();
     std::os::unix::fs::symlink("open.txt", folder.join("within.txt")).unwrap();
     std::os::unix::fs::symlink("/etc", folder.join("etc")).unwrap();
+    for name in ["a/..c", "%2e%2e", "100%"] {
+        std::fs::write(folder.join(name), "open").unwrap();
+    }
     let served = serve(&folder);
-    assert_eq!(served.ask("GET", "/within.txt", "").2, b"open");
+    for url in ["/within.txt", "//open.txt", "/%61/..c", "/%252e%252e", "/100%"] {
+        assert_eq!(served.ask("GET", url, "").2, b"open", "{url}");
+    }
     let all = "/../secret.txt /a/../../secret.txt /%2e%2e/secret.txt /..%2fsecret.txt \
-         /a/%2e%2e%2f%2e%2e/secret.txt /link.txt /up/secret.txt /etc/passwd //etc/passwd /%00";
+         /a/%2e%2e%2f%2e%2e/secret.txt /link.txt /up/secret.txt /etc/passwd //etc/passwd /%00 \
+         /%2E%2e%2fsecret.txt /a%2f..%2f..%2fsecret.txt /..\\secret.txt /%5c..%5csecret.txt /open.txt%00b /%ff open.txt \
+         /./open.txt /a/../open.txt /%2e/open.txt /a%2f..c";
     for url in all.split(' ') {
         let (code, head, body) = served.ask("GET", url, "");
         assert!(code >= 400, "{url}: {head}");
@@ -192,12 +202,61 @@ fn a_part_of_a_file_that_has_changed_comes_as_the_whole_file() {
     }
 }
 
+/// The code of an answer to a request with these headers.
+fn code(address: &str, headers: &str) -> u16 {
+    let mut stream = TcpStream::connect(address).unwrap();
+    write!(stream, "GET /a.txt HTTP/1.1\r\nConnection: close\r\n{headers}\r\n").unwrap();
+    let mut out = String::new();
+    stream.read_to_string(&mut out).unwrap();
+    out.split(' ').nth(1).unwrap().parse().unwrap()
+}
+
+#[test]
+fn a_page_elsewhere_cannot_name_this_machine() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a.txt"), "open").unwrap();
+    let served = serve(folder.path());
+    for host in "localhost:8080 127.0.0.1 127.0.0.1: [::1]:80 [::1] LOCALHOST".split(' ') {
+        assert_eq!(code(&served.address, &format!("Host: {host}\r\n")), 200, "{host}");
+    }
+    let evil = "evil.example:8080 localhost.evil.example 10.0.0.1 [::1].evil.example [::1]evil.example:80 [127.0.0.1] [::1 ::1 \
+         localhost:80.evil.example 127.0.0.1.evil.example 127.0.0.1:80@evil.example [::2]:80";
+    for host in evil.split(' ').chain([""]) {
+        assert_eq!(code(&served.address, &format!("Host: {host}\r\n")), 403, "{host}");
+    }
+    assert_eq!(code(&served.address, ""), 403);
+}
+
+#[test]
+fn an_answer_that_is_not_read_ends_the_connection() {
+    let folder = tempfile::tempdir().unwrap();
+    // More than the buffers of a connection take.
+    let file = std::fs::File::create(folder.path().join("large.glb")).unwrap();
+    file.set_len(1 << 30).unwrap();
+    let root = folder.path().canonicalize().unwrap();
+    let offered = Arc::new(Offered { root, address: IpAddr::V4(Ipv4Addr::LOCALHOST) });
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    let mut client = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+    client.write_all(b"GET /large.glb HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
+    let (stream, _) = listener.accept().unwrap();
+    stream.set_nonblocking(true).unwrap();
+    // Returns, though the client neither reads nor goes away.
+    runtime.block_on(async {
+        let stream = tokio::net::TcpStream::from_std(stream).unwrap();
+        talk(stream, offered, Duration::from_millis(100)).await;
+    });
+    drop(client);
+}
+
 #[test]
 fn a_folder_that_the_network_can_read_is_announced_as_such() {
     let folder = tempfile::tempdir().unwrap();
     let mut child = start(folder.path(), "serve . --port 0 --address 0.0.0.0");
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
     let said: Vec<String> = lines.by_ref().take(2).map(Result::unwrap).collect();
+    let address = said[0].split('/').nth(2).unwrap().replace("0.0.0.0", "127.0.0.1");
+    assert_eq!(code(&address, "Host: scanner.lan\r\n"), 404);
     let _ = child.kill();
     let _ = child.wait();
     assert!(said[1].starts_with("warning: everyone") && said[1].contains("127.0.0.1"), "{said:?}");

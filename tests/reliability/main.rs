@@ -17,3 +17,4 @@ mod populated;
 mod recipes;
 mod resume_damage;
 mod spoiled;
+mod wide_ids;

@@ -396,10 +396,10 @@ fn decimation_keeps_creases_refuses_what_does_not_fit_and_carries_attributes() {
 #[test]
 fn methods_are_compared_on_one_page() {
     let at = &scratch();
-    expect(at, "synth statue in.ply --triangles 8k", 0);
+    expect(at, "synth statue a<b.ply --triangles 8k", 0);
     let said = expect(
         at,
-        "compare collapse,cluster,decimate in.ply --triangles 1k -o page.html --samples 5k",
+        "compare collapse,cluster,decimate a<b.ply --triangles 1k -o page.html --samples 5k",
         0,
     );
     assert!(said.contains("decimate: 1000 triangles"), "{said}");
@@ -412,24 +412,45 @@ fn methods_are_compared_on_one_page() {
         "peak memory",
         "smallest angle",
         "Euler",
+        "Methods on a&lt;b.ply",
+        "Peak memory",
     ] {
         assert!(page.contains(word), "{word}");
     }
+    assert!(!page.contains("a<b"));
+    // The least error of a row is the best; no method is by its share of the mean edge.
+    let row = |name: &str| {
+        let row = page.split(&format!("<tr><th>{name}</th>")).nth(1).unwrap();
+        let values = row.split("</tr>").next().unwrap().split("</td>").filter(|v| !v.is_empty());
+        let value = |cell: &str| -> (f64, bool) {
+            let text = cell.rsplit('>').next().unwrap();
+            (text.parse().unwrap(), cell.contains("best"))
+        };
+        values.map(value).collect::<Vec<_>>()
+    };
+    let errors = row("RMS distance, both ways");
+    let least = errors.iter().map(|error| error.0).fold(f64::INFINITY, f64::min);
+    assert!(errors.iter().all(|&(error, is_best)| is_best == (error == least)), "{errors:?}");
+    let shares = row("… of the mean edge, %");
+    assert!(
+        shares.len() == 3 && shares.iter().all(|share| share.0 > 0.0 && !share.1),
+        "{shares:?}"
+    );
     // The original and three results, from three cameras; nothing comes from elsewhere.
     assert_eq!(page.matches("data:image/png;base64,").count(), 12);
     assert!(
         !page.contains("http:") && !page.contains("https:") && page.contains("width=device-width")
     );
     assert_eq!(std::fs::read_dir(at).unwrap().count(), 2);
-    let said = expect(at, "compare collapse in.ply --triangles 1k -o page.html", 2);
+    let said = expect(at, "compare collapse a<b.ply --triangles 1k -o page.html", 2);
     assert!(said.contains("--force"), "{said}");
-    expect(at, "compare tessellate in.ply --triangles 1k -o other.html", 2);
+    expect(at, "compare tessellate a<b.ply --triangles 1k -o other.html", 2);
     let said =
-        expect(at, "compare decimate,cluster in.ply --ratio 5% -o other.html --memory 1MiB", 6);
+        expect(at, "compare decimate,cluster a<b.ply --ratio 5% -o other.html --memory 1MiB", 6);
     assert!(said.contains("a picture of 800x600") && !at.join("other.html").exists(), "{said}");
     assert_eq!(std::fs::read_dir(at).unwrap().count(), 2);
     // A method without a result does not end the others.
-    let words = "compare cluster,decimate in.ply --triangles 4 -o some.html --samples 5k";
+    let words = "compare cluster,decimate a<b.ply --triangles 4 -o some.html --samples 5k";
     let said = expect(at, words, 0);
     assert!(said.contains("no result") && said.contains("decimate: 4 triangles"), "{said}");
     let page = std::fs::read_to_string(at.join("some.html")).unwrap();

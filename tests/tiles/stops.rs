@@ -276,3 +276,26 @@ fn a_run_whose_finished_tiles_are_gone_says_so() {
     make(&Disk::default(), &second).unwrap();
     assert!(files(&second.output) == files(&folder.path().join("whole")));
 }
+
+#[test]
+fn a_folder_that_a_tree_has_grown_in_goes_with_names_of_its_own_alone() {
+    let folder = statue("2000");
+    let path = folder.path();
+    let left = path.join(".out.stonecut-tiles");
+    let make = |name: &str| {
+        std::fs::create_dir_all(left.join(name).parent().unwrap()).unwrap();
+        std::fs::write(left.join(name), "").unwrap();
+        std::fs::write(left.join(".stonecut-job"), "0123456789abcdef").unwrap();
+    };
+    let bad = "notes tiles/a/0/0-0.glb tiles/0/0/in.ply tiles/0/0/1-2-3.glb tiles tiles/0/12 shapes shapes/tiles/0 sets/0 \
+         tiles/0/12/180-3.glb/x shapes/tiles/2/0/7.ids/x sets/0/17.json/x tileset.json/x";
+    for name in bad.split(' ') {
+        make(name);
+        let said = expect(path, &command(&path.join("out")), 2);
+        assert!(left.join(name).exists() && said.contains(".out.stonecut-tiles"), "{name}: {said}");
+        std::fs::remove_dir_all(&left).unwrap();
+    }
+    ["tiles/0/12/180-3.glb", "shapes/tiles/2/0/7.ids", "sets/0/17.json"].into_iter().for_each(make);
+    expect(path, &command(&path.join("out")), 0);
+    assert!(!left.exists() && path.join("out/tileset.json").exists());
+}

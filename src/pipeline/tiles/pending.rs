@@ -154,21 +154,3 @@ fn is_name(path: &Path, is_folder: bool) -> bool {
         _ => false,
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_folder_of_tiles_has_known_names() {
-        for name in ["tiles/0/12/180-3.glb", "shapes/tiles/2/0/7.ids", "sets/0/17.json", MARK] {
-            assert!(is_name(Path::new(name), false) && !is_name(Path::new(name), true), "{name}");
-        }
-        for name in ["tiles", "tiles/0/12", "shapes", "shapes/tiles/0", "sets/0"] {
-            assert!(is_name(Path::new(name), true) && !is_name(Path::new(name), false), "{name}");
-        }
-        for name in ["notes", "tiles/a/0/0-0.glb", "tiles/0/0/in.ply", "tiles/0/0/1-2-3.glb"] {
-            assert!(!is_name(Path::new(name), false), "{name}");
-        }
-    }
-}

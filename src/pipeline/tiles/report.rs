@@ -155,19 +155,3 @@ pub(super) fn level_reports(
     }
     out
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_group_that_keeps_its_triangles_is_not_a_failure() {
-        let level = |triangles, stuck| LevelReport { triangles, stuck, ..LevelReport::default() };
-        let report = |levels| TilesReport { levels, ..TilesReport::default() };
-        let fine = report(vec![level(4_000_000, 0), level(2_010_000, 1), level(1_000_000, 0)]);
-        assert!(!fine.is_short());
-        // A level of one small tile may have as many as the one below.
-        assert!(!report(vec![level(5000, 0), level(4900, 0)]).is_short());
-        assert!(report(vec![level(4_000_000, 0), level(3_900_000, 40)]).is_short());
-    }
-}
