@@ -283,6 +283,15 @@ fn every_file_says_its_duty_and_none_is_too_long() {
     }
 }
 
+/// A crate's own tests compile it a second time, and the top one is the largest piece of a build: Cargo.toml turns them off there.
+#[test]
+fn the_top_crate_has_no_tests_within_it() {
+    for (name, text) in sources() {
+        let is_lower = name.split_once('/').is_some_and(|(folder, _)| CRATES.contains(&folder));
+        assert!(is_lower || !text.contains("#[test]"), "src/{name} has tests, which never run");
+    }
+}
+
 #[test]
 fn library_code_does_not_print_or_exit() {
     for (name, text) in sources() {
