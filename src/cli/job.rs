@@ -13,7 +13,7 @@ use crate::pipeline::run_report::{DoneRecord, RunReport};
 use crate::pipeline::{self, Prepared, max_error, optimize, pairs};
 use crate::store::job::fingerprint::{file_marks, marks_now};
 use crate::system::disk::{note_of, read_regular, set_note};
-use crate::system::paths::MOST_REPORT_BYTES;
+use crate::system::first_bytes::MOST_REPORT_BYTES;
 use crate::system::progress::{Progress, StageSeconds};
 use serde_json::json;
 use std::collections::BTreeMap;

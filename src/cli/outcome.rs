@@ -7,7 +7,7 @@ use crate::measure::solid::Solid;
 use crate::mesh::face_properties::FacePolicy;
 use crate::pipeline::run_report::{
     BoundReport, FaceReport, GridReport, InputReport, LOST_ROWS, NO_PLACE, QualityReport,
-    RunReport, StageReport,
+    RunReport, StageReport, StopReason,
 };
 use crate::stages::components::ComponentSizes;
 use crate::system::disk::Disk;
@@ -138,10 +138,13 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
         ));
     }
     if !report.target_met {
-        log.say_reason(format!(
-            "short of the target of {} triangles: {}",
-            report.target, report.stop_reason
-        ));
+        let why = match &report.max_error {
+            Some(found) if report.stop_reason == StopReason::WithinBound.to_string() => {
+                format!("the bound of {} ends it first", show_length(found.bound))
+            }
+            _ => report.stop_reason.clone(),
+        };
+        log.say_reason(format!("short of the target of {} triangles: {why}", report.target));
     }
     let share = report.output.triangles as f64 / report.target.max(1) as f64;
     if report.rounds > 0 && report.max_error.is_none() && share < FEWER_ARE_SAID {

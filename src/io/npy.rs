@@ -6,7 +6,7 @@
 use crate::ply::raw::{RawFile, Spool};
 use std::path::Path;
 use stonecut_system::error::{Error, Result};
-use stonecut_system::paths::ARRAY_MAGIC as MAGIC;
+use stonecut_system::first_bytes::ARRAY_MAGIC as MAGIC;
 use stonecut_system::progress::Progress;
 
 /// Headers are not longer than this: their length has 2 bytes in version 1.

@@ -26,7 +26,7 @@ use stonecut_system::losses::Ledger;
 use stonecut_system::memory::BASE_BYTES;
 use stonecut_system::pending_file::Seen;
 use stonecut_system::progress::Progress;
-use stonecut_system::units::{memory_word, show_bytes};
+use stonecut_system::units::{memory_word, show_bytes, show_length};
 
 /// Two meshes to be compared, and the means.
 #[derive(Debug)]
@@ -304,6 +304,7 @@ fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
     progress.begin("measure", 2, 2, n_triangles[0]);
     let threads = options.threads;
     let bounds = [&original, &simplified].map(|loaded| Bounds::of(&loaded.mesh));
+    say_apart(&bounds, progress);
     let unit = Unit::around(&bounds[0].joined(&bounds[1]));
     for loaded in [&mut original, &mut simplified] {
         unit.turn(&mut loaded.mesh);
@@ -332,6 +333,18 @@ fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
         simplified: load::topology_of(&simplified),
     };
     Ok(Comparison { measured, heat, ..Comparison::default() })
+}
+
+/// Says that two meshes lie farther apart than they are across: their nearest places take long to find, and mean little.
+fn say_apart([a, b]: &[Bounds; 2], progress: &Progress) {
+    let (gap, across) = (a.gap_sq(b).sqrt(), a.diagonal().max(b.diagonal()));
+    if gap > across {
+        progress.note(format!(
+            "the meshes lie {} apart and are {} across at most: is one of them without its offset, or in other units?",
+            show_length(gap),
+            show_length(across)
+        ));
+    }
 }
 
 /// The original is in cells; the simplified mesh is read whole if a third of the memory holds it.

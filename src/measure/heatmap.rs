@@ -160,7 +160,7 @@ fn header(mesh: &MeshSource, n_faces: u64, top: f64) -> OutputHeader {
     let properties = vec![property("red"), property("green"), property("blue")];
     let schema = VertexSchema { coordinate, properties };
     let mut header = OutputHeader::new(schema, mesh.n_vertices(), n_faces);
-    header.settings = stonecut_system::paths::HEATMAP_SETTINGS.to_owned();
+    header.settings = stonecut_system::first_bytes::HEATMAP_SETTINGS.to_owned();
     header.comments = vec![
         "colours: distance to the other surface, in input units, viridis".to_owned(),
         format!(

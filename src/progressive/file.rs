@@ -12,7 +12,7 @@ use stonecut_system::error::{Error, Result};
 use stonecut_system::pending_file::PendingFile;
 use xxhash_rust::xxh3::xxh3_64;
 
-use stonecut_system::paths::PROGRESSIVE_MAGIC as MAGIC;
+use stonecut_system::first_bytes::PROGRESSIVE_MAGIC as MAGIC;
 /// Raised with every change that old readers would misread.
 const FORMAT_VERSION: u32 = 1;
 const BLOCK_MAGIC: &[u8; 4] = b"pmbl";

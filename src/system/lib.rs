@@ -7,6 +7,7 @@ pub mod error;
 pub mod background;
 pub mod canonical_json;
 pub mod disk;
+pub mod first_bytes;
 pub mod free_space;
 pub mod json_keys;
 pub mod losses;

@@ -3,6 +3,8 @@
 
 use crate::common::{expect, scratch, start, stonecut};
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -204,6 +206,33 @@ fn every_bad_path_of_every_command_is_refused_and_nothing_is_touched() {
     assert!(n > 300, "{n} commands");
     assert!(std::fs::metadata("/dev/null").unwrap().file_type().is_char_device());
     assert!(std::fs::metadata("/dev/full").unwrap().file_type().is_char_device());
+}
+
+/// Reports and records name paths in UTF-8, which names in Latin-1 are not.
+#[test]
+fn paths_that_are_not_utf8_are_refused_before_the_work() {
+    let folder = bench();
+    let at = folder.path();
+    let named = |ending: &[u8]| at.join(OsStr::from_bytes(&[b"H\xf6he", ending].concat()));
+    std::fs::copy(at.join("in.ply"), named(b".ply")).unwrap();
+    std::fs::create_dir(at.join("tiles")).unwrap();
+    std::fs::rename(named(b".ply"), at.join("tiles").join(named(b".ply").file_name().unwrap()))
+        .unwrap();
+    std::fs::write(named(b".obj"), "").unwrap();
+    for (words, path, code) in [
+        ("info", named(b".obj"), 4),
+        ("simplify in.ply --ratio 50%", named(b".ply"), 2),
+        ("simplify in.ply o.ply --ratio 50% --report", named(b".json"), 2),
+        ("simplify in.ply o.ply --ratio 50% --temp-dir", named(b""), 2),
+        ("tiles in.ply", named(b""), 2),
+        ("render in.ply -o", named(b".png"), 2),
+        ("info", at.join("tiles"), 4),
+    ] {
+        let run = stonecut().current_dir(at).args(words.split(' ')).arg(path).output().unwrap();
+        let said = String::from_utf8_lossy(&run.stderr);
+        assert_eq!(run.status.code(), Some(code), "{words}: {said}");
+        assert!(said.contains("not UTF-8; rename") && !at.join("o.ply").exists(), "{said}");
+    }
 }
 
 #[test]

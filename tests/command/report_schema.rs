@@ -152,6 +152,8 @@ fn reports_of_simplify_keep_the_schema() {
         let report = read(&out.join("r.json"));
         assert_keeps("simplify_report", &report);
         assert_eq!(report["schema_version"], 1);
+        let is_bounded = report["stop_reason"] == "within the bound";
+        assert_eq!(is_bounded, options.contains("--max-error"), "{options}");
         // Scripts that were written before still find what they look for.
         let old_and_new = [
             (&report["rejects"], "link_condition", "link condition"),

@@ -164,6 +164,39 @@ fn scale_and_offset_of_an_image_go_into_glb() {
     assert_eq!(a, b);
 }
 
+/// An image on other coordinates than the first one is not carried, and neither is its factor: all of the surface would shine.
+#[test]
+fn what_an_image_limits_goes_with_the_image() {
+    let folder = &scratch();
+    image::RgbImage::new(2, 2).save(folder.join("n.png")).unwrap();
+    triangle(folder, &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0], |document| {
+        let coordinates =
+            json!({ "bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC2" });
+        document["accessors"].as_array_mut().unwrap().push(coordinates);
+        let attributes = json!({ "POSITION": 0, "TEXCOORD_0": 1, "TEXCOORD_1": 1 });
+        document["meshes"][0]["primitives"][0] = json!({ "attributes": attributes, "material": 0 });
+        document["images"] = json!([{ "uri": "n.png" }]);
+        document["textures"] = json!([{ "source": 0 }]);
+        let other = json!({ "index": 0, "texCoord": 1 });
+        let surface =
+            json!({ "baseColorTexture": { "index": 0 }, "metallicRoughnessTexture": other });
+        document["materials"] = json!([{
+            "pbrMetallicRoughness": surface, "emissiveTexture": other, "emissiveFactor": [1, 1, 1],
+        }]);
+    });
+    let said = expect(folder, "convert in.gltf out.glb", 0);
+    assert!(
+        said.contains("emitted light with other texture coordinates than the colour image"),
+        "{said}"
+    );
+    let material = &glb_json(&folder.join("out.glb"))["materials"][0];
+    assert!(
+        material.get("emissiveFactor").is_none_or(|light| *light == json!([0, 0, 0])),
+        "{material}"
+    );
+    assert_eq!(material["pbrMetallicRoughness"]["metallicFactor"], 0.0, "{material}");
+}
+
 #[test]
 fn strengths_of_maps_are_named() {
     let folder = &scratch();

@@ -1,6 +1,6 @@
 //! Several files that become one mesh: joined borders, unions of what they carry, and sets that cannot be meant.
 
-use crate::common::{expect, json, printed, scratch};
+use crate::common::{expect, glb_json, json, printed, scratch};
 use serde_json::Value;
 use std::path::Path;
 
@@ -296,6 +296,44 @@ fn equal_materials_and_images_of_tiles_are_one() {
     let text = std::fs::read_to_string(at.join("out.obj")).unwrap();
     assert_eq!(text.matches("usemtl").count(), 2, "{text}");
     assert_eq!((text.matches("\nf ").count(), text.matches("\nv ").count()), (6, 8), "{text}");
+}
+
+/// Places in images stay without a material, and normals that only some files have go: those of length 0 are black.
+#[test]
+fn places_in_images_stay_and_normals_of_some_files_go() {
+    let at = &scratch();
+    for folder in ["flat", "lit"] {
+        std::fs::create_dir(at.join(folder)).unwrap();
+    }
+    for x in 0..2 {
+        let places = format!("v {x} 0 0\nv {} 0 0\nv {x} 1 0\n", x + 1);
+        let text = format!("{places}vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n");
+        std::fs::write(at.join(format!("flat/{x}.obj")), text).unwrap();
+        let (named, values) =
+            [("", ""), ("property float nx\nproperty float ny\nproperty float nz\n", " 0 0 1")][x];
+        let rows: String =
+            [[x, 0], [x + 1, 0], [x, 1]].map(|[x, y]| format!("{x} {y} 0{values}\n")).concat();
+        let text = format!(
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n{named}\
+             element face 1\nproperty list uchar int vertex_indices\nend_header\n{rows}3 0 1 2\n"
+        );
+        std::fs::write(at.join(format!("lit/{x}.ply")), text).unwrap();
+    }
+    let attributes = |name: &str| {
+        let said = expect(at, &format!("convert {name} {name}.glb"), 0);
+        (
+            glb_json(&at.join(format!("{name}.glb")))["meshes"][0]["primitives"][0]["attributes"]
+                .clone(),
+            said,
+        )
+    };
+    let (flat, _) = attributes("flat");
+    assert!(flat.get("TEXCOORD_0").is_some(), "{flat}");
+    let (lit, said) = attributes("lit");
+    assert!(
+        lit.get("NORMAL").is_none() && said.contains("1 of 2 files are without, so no vertex"),
+        "{lit} {said}"
+    );
 }
 
 /// A GLB as a batched mesh whose coordinates count from a place.

@@ -270,6 +270,23 @@ fn names_without_a_place_are_noted() {
     }
 }
 
+/// `mtllib a.mtl sub/b.mtl` names two libraries, though the end of the line is the name of a file, too.
+#[test]
+fn libraries_on_one_line_are_all_read() {
+    let at = &scratch();
+    std::fs::create_dir(at.join("sub")).unwrap();
+    std::fs::write(at.join("a.mtl"), "newmtl red\nKd 1 0 0\n").unwrap();
+    std::fs::write(at.join("sub/b.mtl"), "newmtl blue\nKd 0 0 1\n").unwrap();
+    let faces = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nusemtl red\nf 1 2 3\nusemtl blue\nf 2 4 3\n";
+    std::fs::write(at.join("in.obj"), format!("mtllib a.mtl sub/b.mtl\n{faces}")).unwrap();
+    let said = expect(at, "convert in.obj out.glb", 0);
+    assert!(!said.contains("material"), "{said}");
+    let document = glb_json(&at.join("out.glb"));
+    let colour = |k: usize| &document["materials"][k]["pbrMetallicRoughness"]["baseColorFactor"];
+    assert_eq!(*colour(0), json!([1.0, 0.0, 0.0, 1.0]));
+    assert_eq!(*colour(1), json!([0.0, 0.0, 1.0, 1.0]));
+}
+
 #[test]
 fn more_names_than_can_be_carried_are_lost_and_named() {
     let at = &scratch();

@@ -120,6 +120,18 @@ fn either_mesh_is_coloured_by_its_distance_to_the_other() {
 }
 
 #[test]
+fn meshes_that_lie_apart_are_named() {
+    let out = &scratch();
+    for (name, x) in [("a.obj", 0), ("b.obj", 100)] {
+        let text = format!("v {x} 0 0\nv {} 0 0\nv {x} 1 0\nf 1 2 3\n", x + 1);
+        std::fs::write(out.join(name), text).unwrap();
+    }
+    let said = expect(out, "measure a.obj b.obj --samples 100", 0);
+    assert!(said.contains("the meshes lie 99 apart"), "{said}");
+    assert!(!expect(out, "measure a.obj a.obj --samples 100", 0).contains("apart"));
+}
+
+#[test]
 fn quiet_commands_say_nothing() {
     let folder = tempfile::tempdir().unwrap();
     for command in [

@@ -180,6 +180,7 @@ fn whichever_comes_first_ends_it() {
     let both = triangles(&format!("--max-error {bound} --triangles {by_count}"), 0);
     assert!((by_count - 1..=by_count).contains(&both), "{both} for {by_count}");
     assert_eq!(triangles(&format!("--max-error {bound} --triangles 100"), 3), by_bound);
+    assert_eq!(json(at, "r.json")["stop_reason"], "within the bound");
 }
 
 #[test]

@@ -418,3 +418,18 @@ fn bodies_inside_out_are_turned_and_counted() {
     assert!(volume(&done.mesh) > 0.0);
     assert!(done.statistics.changes.contains(&("bodies_turned", 1)));
 }
+
+/// The ring of a hub of thousands of triangles holds some that are gone.
+#[test]
+fn a_cone_of_thousands_of_triangles_is_tried_without_a_fault() {
+    let at = &scratch();
+    let n = 5000;
+    let mut text = "v 0 0 1\n".to_owned();
+    for i in 0..n {
+        let (sin, cos) = (f64::from(i) / f64::from(n) * std::f64::consts::TAU).sin_cos();
+        text += &format!("v {cos} {sin} 0\nf 1 {} {}\n", i + 2, (i + 1) % n + 2);
+    }
+    std::fs::write(at.join("in.obj"), text).unwrap();
+    let code = run(at, "simplify in.obj out.ply --ratio 50% --for print").status.code();
+    assert!(matches!(code, Some(0 | 3)), "{code:?}");
+}

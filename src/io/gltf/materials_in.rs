@@ -161,25 +161,31 @@ fn add(
     if new.alpha == Alpha::Opaque {
         new.base[3] = 1.0;
     }
-    let coordinates = Coordinates::of(base.as_ref());
-    for (kind, info) in [
+    let maps = [
         (MapKind::Base, base.as_ref()),
         (MapKind::MetallicRoughness, surface.metallic_roughness_texture.as_ref()),
         (MapKind::Normal, material.normal_texture.as_ref()),
         (MapKind::Occlusion, material.occlusion_texture.as_ref()),
         (MapKind::Emissive, material.emissive_texture.as_ref()),
-    ] {
+    ];
+    let first = maps.iter().find_map(|(kind, info)| info.map(|info| (*kind, info)));
+    let coordinates = Coordinates::of(first.map(|(_, info)| info));
+    for (kind, info) in maps {
         let Some(info) = info else { continue };
         if info.scale.or(info.strength).is_some_and(|factor| factor != 1.0) {
             let what = format!("strength of {}", kind.name());
             out.lose(Loss::new(LossKind::Materials, what, "not carried"));
         }
-        let same =
-            kind == MapKind::Base || base.is_none() || Coordinates::of(Some(info)) == coordinates;
-        if !same {
-            let name = kind.name();
-            let what = format!("{name} with other texture coordinates than the colour image");
+        if Coordinates::of(Some(info)) != coordinates {
+            let (name, first) = (kind.name(), first.map_or("", |(kind, _)| kind.name()));
+            let what = format!("{name} with other texture coordinates than the {first}");
             out.lose(Loss::new(LossKind::Images, what, "not carried"));
+            // Without its image the factor would hold everywhere.
+            match kind {
+                MapKind::Emissive => new.emissive = None,
+                MapKind::MetallicRoughness => new.metallic = Some(0.0),
+                _ => {}
+            }
             continue;
         }
         let Some(texture) = document.textures.get(info.index) else {

@@ -16,7 +16,7 @@ use std::sync::{Arc, OnceLock};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Loss, LossKind};
 use stonecut_system::memory::{budget_bytes, limit_bytes};
-use stonecut_system::paths::{Paths, Role};
+use stonecut_system::paths::{NOT_UTF8, Paths, Role, is_utf8};
 
 /// Endings of mesh files, as they are looked for in folders.
 const ENDINGS: [&str; 6] = ["ply", "stl", "obj", "glb", "gltf", "b3dm"];
@@ -343,6 +343,9 @@ fn look(folder: &Path, depth: usize, looked: &mut Looked) -> Result<()> {
         if path.is_dir() {
             folders.push(path);
         } else if let Some(format) = format_of(&name) {
+            if !is_utf8(&path) {
+                return Err(Error::bad_input(path, NOT_UTF8));
+            }
             has_meshes = true;
             looked.by_format.entry(format).or_default().push(path);
         }

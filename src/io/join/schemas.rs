@@ -27,9 +27,9 @@ impl SchemaUnion {
         let this = self.n_meshes.wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let this = this ^ this >> 31;
         let colours = colour_groups(own).into_iter().flatten();
-        self.colours.extend(colours.map(|i| own[i].name.clone()));
+        self.colours.extend(colours.map(|i| plain_name(own, &own[i]).to_owned()));
         for property in own {
-            let property = Property::new(&property.name, property.scalar);
+            let property = Property::new(plain_name(own, property), property.scalar);
             match self.properties.iter().position(|known| known.name == property.name) {
                 Some(i) => {
                     let (n, sum) = self.having[i];
@@ -54,6 +54,19 @@ impl SchemaUnion {
                 self.having.push((self.n_meshes, 0));
             }
         }
+    }
+
+    /// Drops normals that only some of the meshes have, with a line: a normal of length 0 is black in viewers.
+    pub fn drop_partial_normals(&mut self) -> Option<String> {
+        let all = self.n_meshes;
+        let mut both = self.properties.iter().zip(&self.having);
+        let (_, (having, _)) = both.find(|(p, (having, _))| is_normal(&p.name) && *having < all)?;
+        let lack = all - having;
+        let both = std::mem::take(&mut self.properties).into_iter().zip(self.having.drain(..));
+        (self.properties, self.having) = both.filter(|(p, _)| !is_normal(&p.name)).unzip();
+        Some(format!(
+            "normals of vertices: {lack} of {all} files are without, so no vertex keeps one"
+        ))
     }
 
     /// A line for those that some meshes lack: their names and how many lack them.
@@ -83,7 +96,7 @@ impl SchemaUnion {
             let mut at = 0;
             let mut source = None;
             for from in own {
-                if from.name == to.name {
+                if plain_name(own, from) == to.name {
                     let is_scaled = is_colour && from.scalar != to.scalar;
                     let scale = if is_scaled { to.full() / from.full() } else { 1.0 };
                     source = Some(Source { scalar: from.scalar, at, scale });
@@ -100,14 +113,25 @@ impl SchemaUnion {
 
     fn neutral(&self, property: &Property) -> f64 {
         let name = property.name.as_str();
-        let is_direction = ["nx", "ny", "nz"].contains(&name);
         let is_texture = TEXTURE_NAMES.iter().any(|pair| pair.contains(&name));
         match property.scalar {
             _ if self.colours.contains(name) => property.full(),
             _ if name == NUMBER => -1.0,
-            Scalar::F32 | Scalar::F64 if !is_direction && !is_texture => f64::NAN,
+            Scalar::F32 | Scalar::F64 if !is_normal(name) && !is_texture => f64::NAN,
             _ => 0.0,
         }
+    }
+}
+
+fn is_normal(name: &str) -> bool {
+    ["nx", "ny", "nz"].contains(&name)
+}
+
+/// The name of a property in the union: `red` for the `diffuse_red` of a mesh without `red`.
+fn plain_name<'a>(own: &'a [Property], property: &'a Property) -> &'a str {
+    match property.name.strip_prefix("diffuse_") {
+        Some(plain) if !own.iter().any(|other| other.name == plain) => plain,
+        _ => &property.name,
     }
 }
 
@@ -208,6 +232,11 @@ mod tests {
         );
         assert!(values[3].is_nan());
         assert!(union.conversion(&floats).is_none());
+        let diffuse = ["diffuse_red", "diffuse_green", "diffuse_blue"];
+        let diffuse = diffuse.map(|name| Property::new(name, Scalar::U8));
+        row.clear();
+        union.conversion(&diffuse).unwrap().put(&[255, 51, 0], &mut row);
+        assert_eq!(read_scalar(Scalar::F32, &row, 0), 1.0);
         let line = "quality of vertices: 1 of 2 files are without, and get neutral values";
         assert_eq!(union.lacking("vertices"), [line]);
         assert_eq!(widest(Scalar::I32, Scalar::F32), Scalar::F64);

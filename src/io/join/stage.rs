@@ -233,10 +233,10 @@ impl Gathered {
         self.coordinate = widest(self.coordinate, schema.coordinate);
         self.of_vertices.add(&schema.properties);
         self.of_faces.add(&layout.properties);
-        if let Some(texture) = source.texture().filter(|_| layout.texture) {
+        if layout.texture {
             let own = TextureInfo { files: Vec::new(), property: "texcoord".to_owned() };
             let files = &mut self.texture.get_or_insert(own).files;
-            for name in texture.files {
+            for name in source.texture().map(|texture| texture.files).unwrap_or_default() {
                 if !files.contains(&name) {
                     files.push(name);
                 }
@@ -317,7 +317,8 @@ impl Gathered {
         if has_materials {
             self.of_faces.require(NUMBER, Scalar::I32);
         }
-        let mut remarks = self.of_vertices.lacking("vertices");
+        let mut remarks = Vec::from_iter(self.of_vertices.drop_partial_normals());
+        remarks.extend(self.of_vertices.lacking("vertices"));
         remarks.extend(self.of_faces.lacking("faces"));
         remarks.extend(odd_sizes(&self.boxes, &self.reports));
         if let Some(first) = set.repeated.first() {

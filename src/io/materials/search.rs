@@ -104,6 +104,21 @@ impl Search {
         self.folders.first().map_or_else(|| PathBuf::from(name), |folder| folder.join(name))
     }
 
+    /// The files of a line that is one name with blanks, or several names; what is there under its name comes first.
+    pub fn find_all(&mut self, line: &[u8]) -> Vec<PathBuf> {
+        let words = || line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+        let there = |name: &[u8]| {
+            let name = name.trim_ascii();
+            self.as_written(name, &encodings::names(name))
+        };
+        let exact = there(line).map(|whole| vec![whole]);
+        if let Some(paths) = exact.or_else(|| words().map(there).collect()) {
+            return paths;
+        }
+        let whole = self.find(line);
+        if whole.is_file() { vec![whole] } else { words().map(|word| self.find(word)).collect() }
+    }
+
     /// A name that a PLY header has, whose bytes may have been taken for Latin-1.
     pub fn find_text(&mut self, written: &str) -> PathBuf {
         let found = self.find(written.as_bytes());

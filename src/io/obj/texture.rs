@@ -101,17 +101,7 @@ impl Named {
         let exact = |name: &[u8]| self.numbers.get(name).copied();
         let mut looked_at = HashSet::new();
         for name in &self.libraries {
-            // One name with blanks, or several names.
-            let whole = libraries.search.find(name);
-            let paths: Vec<PathBuf> = match whole.is_file() {
-                true => vec![whole],
-                false => name
-                    .split(u8::is_ascii_whitespace)
-                    .filter(|name| !name.is_empty())
-                    .map(|name| libraries.search.find(name))
-                    .collect(),
-            };
-            for path in paths {
+            for path in libraries.search.find_all(name) {
                 if looked_at.len() < MAX_LIBRARIES && looked_at.insert(path.clone()) {
                     libraries.read(&path, &exact, &mut known, &mut out)?;
                 }

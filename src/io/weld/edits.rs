@@ -211,8 +211,9 @@ impl<'a> Edits<'a> {
             if left as f64 >= Overlap::WORTH_A_LINE * n_border as f64 {
                 let share = 100.0 * left as f64 / n_border as f64;
                 lines.push(format!(
-                    "files may overlap with different triangles: {share:.0} % of the vertices on their borders lie in the \
-                     boxes of others and on none of their edges; such surfaces stay double, so cut the files at a common border"
+                    "files may overlap with different triangles or leave gaps: {share:.0} % of the vertices on their borders lie in the \
+                     boxes of others and on none of their edges; give --weld the width of the gaps; surfaces that overlap stay double, so \
+                     cut the files at a common border"
                 ));
             }
         }

@@ -181,7 +181,7 @@ fn write_seam_points(store: &CellStore, to: &Seen, run: &StageContext) -> Result
     let mut records = Vec::with_capacity(points.len() * schema.record_bytes());
     points.iter().for_each(|point| schema.encode_position(point.1, &mut records));
     let mut header = OutputHeader::new(schema, points.len() as u64, 0);
-    header.settings = crate::system::paths::SEAMS_SETTINGS.to_owned();
+    header.settings = crate::system::first_bytes::SEAMS_SETTINGS.to_owned();
     let mut writer = PlyWriter::create(to.place(run.disk()), header)?;
     writer.write_vertices(&records)?;
     writer.finish()?;

@@ -16,6 +16,7 @@ impl SimplifyRun<'_> {
     /// Report of the level at work.
     pub(super) fn level_report(&self, written: Written) -> LevelReport {
         let met = self.is_bound_only || written.triangles <= self.target;
+        let by_bound = self.is_bound_only || (!met && self.config.kernel.bound.is_some());
         let quality = self.quality.judge(self.prepared.source.n_triangles());
         LevelReport {
             path: self.output().display().to_string(),
@@ -24,7 +25,7 @@ impl SimplifyRun<'_> {
             bytes: written.bytes,
             target: if self.is_bound_only { written.triangles } else { self.target },
             target_met: met,
-            stop_reason: match self.is_bound_only {
+            stop_reason: match by_bound {
                 true => StopReason::WithinBound.to_string(),
                 false => StopReason::of(met, quality.bearable).to_string(),
             },

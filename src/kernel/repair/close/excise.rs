@@ -206,7 +206,10 @@ impl<'a> Work<'a> {
     /// Cuts out triangles and rings around them until what is left can be closed.
     fn cut_around(&mut self, seeds: &[u32]) -> Cut {
         self.attempts = 0;
-        let mut part: BTreeSet<u32> = seeds.iter().copied().collect();
+        // Rings of hubs hold triangles that are gone.
+        let is_there = |surface: &Surface, t: u32| surface.triangles[t as usize][0] != GONE;
+        let mut part: BTreeSet<u32> =
+            seeds.iter().copied().filter(|&t| is_there(&self.state.surface, t)).collect();
         for _ in 0..MOST_RINGS {
             self.crossings.take_met();
             self.round_off(&mut part);
@@ -215,12 +218,12 @@ impl<'a> Work<'a> {
                 return cut;
             }
             // What a filling met goes as well.
-            let is_there = |&t: &u32| self.state.surface.triangles[t as usize][0] != GONE;
-            part.extend(self.crossings.take_met().filter(is_there));
             let surface = &self.state.surface;
+            part.extend(self.crossings.take_met().filter(|&t| is_there(surface, t)));
             let corners: BTreeSet<u32> =
                 part.iter().flat_map(|&t| surface.triangles[t as usize]).collect();
-            part.extend(corners.iter().flat_map(|&v| surface.ring(v).iter().copied()));
+            let rings = corners.iter().flat_map(|&v| surface.ring(v).iter().copied());
+            part.extend(rings.filter(|&t| is_there(surface, t)));
             let [low, high] = MOST_TRIANGLES;
             if part.len() as u64 > (surface.n_alive / 100).clamp(low, high) {
                 return Cut::Open;
