@@ -142,7 +142,13 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
             Some(found) if report.stop_reason == StopReason::WithinBound.to_string() => {
                 format!("the bound of {} ends it first", show_length(found.bound))
             }
-            _ => report.stop_reason.clone(),
+            _ => match report.settings.get("lock") {
+                Some(lock) if report.stop_reason == StopReason::Locked.to_string() => format!(
+                    "--lock {lock} leaves room for no fewer than {} triangles; ask for that, or lock fewer vertices",
+                    report.quality.sensible_triangles
+                ),
+                _ => report.stop_reason.clone(),
+            },
         };
         log.say_reason(format!("short of the target of {} triangles: {why}", report.target));
     }

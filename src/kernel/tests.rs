@@ -217,3 +217,23 @@ fn charts_that_touch_are_joined_unless_locked() {
         assert_eq!(result.source.len(), expected);
     }
 }
+
+#[test]
+fn a_lock_presses_the_rest_no_more_than_the_count_asks() {
+    // Blocks on the left are locked, and the first one is what a level's threshold comes from.
+    let mesh = sheet(150);
+    let locked: Vec<bool> = (0..mesh.positions.len()).map(|v| v < 151 * 30).collect();
+    let run = |target: u64| {
+        let stop = Stop::Triangles(target);
+        let options = Options { stop, fit: Fit::Off, estimate: true, ..Options::default() };
+        let result = simplify_mesh(mesh.clone(), &locked, &options);
+        let quality = result.statistics.quality.unwrap_or_default();
+        let error = quality.mean_square().sqrt();
+        (result.mesh.triangles.len() as u64, result.statistics.reached, error)
+    };
+    let found = [13_500, 9_900, 4_500].map(run);
+    assert!(found[0].1 && found[0].2 < 2e-4, "{found:?}");
+    // Fewer than what is locked: what can still stand for the rest stays.
+    assert!(found[1].2 < 1e-3 && !found[2].1 && found[2].2 < 3e-3, "{found:?}");
+    assert!((9_000..11_000).contains(&found[2].0), "{found:?}");
+}

@@ -406,6 +406,8 @@ pub enum StopReason {
     TargetBelowBearable,
     /// Every edge that is left was rejected.
     NothingLegal,
+    /// Locked vertices need all that is left.
+    Locked,
     /// Every edge that is left would lead beyond the bound on the error.
     WithinBound,
     /// The cell size was given.
@@ -435,6 +437,7 @@ impl std::fmt::Display for StopReason {
             StopReason::Target => "target",
             StopReason::TargetBelowBearable => "target, below what the input can bear",
             StopReason::NothingLegal => "no edge is left that may be collapsed",
+            StopReason::Locked => "locked vertices need more",
             StopReason::WithinBound => "within the bound",
             StopReason::Grid => "the grid",
             StopReason::NoGrid => "no grid of ten was coarse enough",

@@ -97,6 +97,17 @@ fn vertices_with_a_property_stay_whatever_its_type() {
 }
 
 #[test]
+fn a_count_that_locked_vertices_do_not_allow_is_said_with_one_that_they_do() {
+    let at = &scratch();
+    write_sheet(&at.join("in.ply"), "uchar");
+    let said = expect(at, "simplify in.ply out.ply --ratio 3% --lock keep", 3);
+    let line = said.lines().find(|line| line.contains("short of the target of 216")).unwrap();
+    let words = line.split_once("--lock keep leaves room for no fewer than ").unwrap().1;
+    let sensible: usize = words.split(' ').next().unwrap().parse().unwrap();
+    assert!((600..2_000).contains(&sensible), "{line}");
+}
+
+#[test]
 fn locks_that_cannot_be_kept_are_refused() {
     let at = &scratch();
     write_sheet(&at.join("in.ply"), "int");

@@ -41,6 +41,8 @@ pub(crate) struct Driver {
     collapses_before: u64,
     /// Highest cost to which the whole mesh has been drained.
     pub(crate) drained: f32,
+    /// Highest cost of a collapse on the way to a count, in scaled units.
+    pub(super) ceiling: f32,
     pub(crate) topology: Topology,
     /// Input vertices that are gone, for the new vertices of a cut.
     pub(crate) spare_sources: Vec<u32>,
@@ -196,6 +198,7 @@ impl Driver {
             collapses: 0,
             collapses_before: 0,
             drained: 0.0,
+            ceiling: f32::MAX,
             topology,
             spare_sources: Vec::new(),
             changes: TopologyChanges { may_mend: true, ..TopologyChanges::default() },

@@ -12,6 +12,7 @@ use crate::collapse::legality::Reject;
 use crate::options::Topology;
 use crate::schedule::drain::{Drain, STALL_COST, is_few};
 use crate::schedule::driver::{DrainLimits, Driver};
+use crate::schedule::held;
 use crate::schedule::queue::{BucketQueue, Entry};
 use crate::schedule::seeds::Seeds;
 use crate::state::validate::validate_small;
@@ -85,6 +86,7 @@ impl Driver {
 
     /// Simplifies to at most `target` triangles; false if nothing legal is left before.
     pub(crate) fn reach(&mut self, target: u64) -> bool {
+        self.ceiling = held::ceiling(&self.state.surface, target);
         if self.history.is_some() {
             return self.recorded(target);
         }
@@ -150,14 +152,23 @@ impl Driver {
     /// One level whose threshold comes from a sample of the blocks. True if most of it is stuck.
     fn free_level(&mut self, enough: u64, target: u64) -> bool {
         let n_blocks = self.n_blocks();
-        let share = (enough as f64 / self.state.surface.n_alive as f64).max(LEVEL_SHARE);
-        let pilot = || (0..n_blocks).step_by(PILOT_STRIDE);
+        let held: Vec<usize> = (0..n_blocks)
+            .map(|block| held::n_held(&self.state.surface, self.block(block)))
+            .collect();
+        let n_held = held.iter().sum::<usize>() as f64;
+        let share = (enough as f64 - n_held) / (self.state.surface.n_alive as f64 - n_held);
+        let share = share.max(LEVEL_SHARE);
+        // Of blocks that are mostly held, little can be learnt.
+        let is_free = |block: &usize| 2 * held[*block] <= self.block(*block).len();
+        let free: Vec<usize> = (0..n_blocks).filter(is_free).collect();
+        let pilot = || free.iter().copied().step_by(PILOT_STRIDE);
         let count = |driver: &Self| -> usize {
             let blocks =
                 pilot().flat_map(|block| &driver.state.surface.triangles[driver.block(block)]);
             blocks.filter(|t| t[0] != GONE).count()
         };
-        let wanted = (count(self) as f64 * share) as usize;
+        let stays: usize = pilot().map(|block| held[block]).sum();
+        let wanted = stays + ((count(self) - stays) as f64 * share) as usize;
         let mut queue = BucketQueue::new(3);
         let mut costs = Vec::new();
         for block in pilot() {
@@ -167,13 +178,13 @@ impl Driver {
             });
         }
         let mut cost = quantile(costs, (1.0 - share) * 0.6);
-        let mut limits = DrainLimits { cost: f32::MAX, triangles: target, may_stall: false };
+        let mut limits = DrainLimits { cost: self.ceiling, triangles: target, may_stall: false };
         let (mut mark, mut is_stuck) = ((cost, count(self)), false);
         for _ in 0..200 {
             queue.close_above(cost);
             self.drain(&mut queue, limits);
             let n = count(self);
-            if n <= wanted || self.interrupt.is_raised() {
+            if n <= wanted || cost >= self.ceiling || self.interrupt.is_raised() {
                 break;
             }
             if cost > mark.0 * STALL_COST {
@@ -185,8 +196,9 @@ impl Driver {
             }
             cost *= std::f32::consts::SQRT_2;
         }
-        limits.cost = if is_stuck { mark.0 } else { queue.highest_cost() };
-        for block in (0..n_blocks).filter(|block| block % PILOT_STRIDE != 0) {
+        limits.cost = if is_stuck { mark.0 } else { queue.highest_cost().min(self.ceiling) };
+        let drained: Vec<usize> = pilot().collect();
+        for block in (0..n_blocks).filter(|block| drained.binary_search(block).is_err()) {
             if self.interrupt.is_raised() {
                 return false;
             }
@@ -290,7 +302,7 @@ impl Driver {
             let before = self.state.surface.n_alive;
             queue.clear();
             self.seed(&mut queue, 0..self.state.surface.triangles.len(), f32::INFINITY);
-            let limits = DrainLimits { cost: f32::MAX, triangles: target, may_stall: true };
+            let limits = DrainLimits { cost: self.ceiling, triangles: target, may_stall: true };
             let freed_stuck = self.frees_stuck;
             let stalled = self.drain(&mut queue, limits);
             // What was refused may have become legal since; without any progress it has not.

@@ -3,6 +3,7 @@
 pub(crate) mod drain;
 pub(crate) mod driver;
 mod evaluate;
+mod held;
 pub(crate) mod levels;
 pub(crate) mod queue;
 mod seeds;

@@ -403,8 +403,8 @@ fn survivor(surface: &Surface, mut v: u32) -> Option<u32> {
     None
 }
 
-/// Area of a triangle, scaled.
-fn area_of(surface: &Surface, t: &[u32; 3]) -> f64 {
+/// Area of a triangle, in scaled units.
+pub(crate) fn area_of(surface: &Surface, t: &[u32; 3]) -> f64 {
     let edge = |v: u32| surface.edge(t[0], v).map(f64::from);
     0.5 * length_sq(normal([[0.0; 3], edge(t[1]), edge(t[2])])).sqrt()
 }

@@ -25,10 +25,12 @@ impl SimplifyRun<'_> {
             bytes: written.bytes,
             target: if self.is_bound_only { written.triangles } else { self.target },
             target_met: met,
-            stop_reason: match by_bound {
-                true => StopReason::WithinBound.to_string(),
-                false => StopReason::of(met, quality.bearable).to_string(),
-            },
+            stop_reason: match (by_bound, &self.config.lock) {
+                (true, _) => StopReason::WithinBound,
+                (false, Some(_)) if !met => StopReason::Locked,
+                (false, _) => StopReason::of(met, quality.bearable),
+            }
+            .to_string(),
             quality,
             hausdorff: None,
             rms: None,
