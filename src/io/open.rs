@@ -15,6 +15,7 @@ use std::ops::Range;
 use std::path::Path;
 use stonecut_system::disk::open_input;
 use stonecut_system::error::{Error, Result};
+use stonecut_system::first_bytes::PROGRESSIVE_MAGIC;
 use stonecut_system::units::show_bytes;
 
 /// Compression of an input.
@@ -141,6 +142,9 @@ fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
         ("STL, ASCII", stl::read_ascii(&file, options)?)
     } else if named("stl") || is_stl {
         ("STL, binary", stl::read_binary(&file, options)?)
+    } else if first.starts_with(PROGRESSIVE_MAGIC) {
+        let what = "this is a progressive mesh of stonecut; 'stonecut refine' makes a mesh of any number of triangles of it";
+        return Err(file.bad(what));
     } else {
         return Err(file.bad(
             "this is neither PLY, STL, OBJ nor glTF (also gzip or zstd compressed); convert it to one \

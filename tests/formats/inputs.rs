@@ -351,6 +351,31 @@ fn batched(glb: &[u8], center: [f64; 3]) -> Vec<u8> {
     out
 }
 
+/// The folder of a tree that another program has made is a mesh for `info`, too; a progressive mesh names its command.
+#[test]
+fn trees_of_others_and_progressive_meshes_are_known() {
+    let at = &scratch();
+    expect(at, "synth statue tree --triangles 1000 --tiles 2 --format glb", 0);
+    let tile = |name: &str| {
+        serde_json::json!({
+            "boundingVolume": { "sphere": [0, 0, 0, 1e4] }, "geometricError": 0, "content": { "uri": name },
+        })
+    };
+    let names: Vec<_> = std::fs::read_dir(at.join("tree")).unwrap().flatten().collect();
+    let tiles: Vec<_> = names.iter().map(|name| tile(name.file_name().to_str().unwrap())).collect();
+    let root = serde_json::json!({
+        "boundingVolume": { "sphere": [0, 0, 0, 1e4] }, "geometricError": 9, "refine": "ADD", "children": tiles,
+    });
+    let set =
+        serde_json::json!({ "asset": { "version": "1.1" }, "geometricError": 9, "root": root });
+    std::fs::write(at.join("tree/tileset.json"), set.to_string()).unwrap();
+    let of_folder = info(at, "tree")["triangles"].clone();
+    assert_eq!(of_folder, info(at, "tree/tileset.json")["triangles"]);
+    expect(at, "convert tree whole.ply", 0);
+    expect(at, "simplify whole.ply o.ply --ratio 50% --progressive o.pm", 0);
+    assert!(expect(at, "convert o.pm p.ply", 4).contains("'stonecut refine'"));
+}
+
 #[test]
 fn trees_of_tiles_become_one_mesh_in_their_place() {
     let at = &scratch();

@@ -62,7 +62,8 @@ pub struct Volume {
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Content {
-    /// Address, from the file that names it.
+    /// Address, from the file that names it; version 1.0 began as `url`.
+    #[serde(alias = "url")]
     pub uri: String,
     /// Volume that holds the content alone.
     pub bounding_volume: Option<Volume>,

@@ -11,7 +11,10 @@ use borders::{Border, Borders, border};
 pub use found::TilesetCheck;
 use rules::{CheckedTile, Cuboid, Tree};
 use std::path::Path;
-use stonecut_io::tileset::{FILE_NAME, TileBorder, border_path, decode_borders, most_tile_bytes};
+use stonecut_io::tileset::{
+    FILE_NAME, MOST_FILE_BYTES, TileBorder, Tileset, border_path, decode_borders, most_tile_bytes,
+    read_tileset,
+};
 use stonecut_io::{StoredTile, decode_tile_within};
 use stonecut_system::disk::read_regular;
 use stonecut_system::error::Result;
@@ -100,10 +103,18 @@ pub fn check_tileset(
     Ok(found)
 }
 
-/// True if a folder is a tree of tiles.
+/// True if a folder is a tree of tiles, but for those that another program says it has made.
 pub fn is_tileset(path: &Path) -> bool {
-    // What is not a file there is refused by name when it is read.
-    path.is_dir() && std::fs::symlink_metadata(path.join(FILE_NAME)).is_ok()
+    let file = path.join(FILE_NAME);
+    // What is not a file there is refused by name when it is read, and so is a damaged one.
+    if !path.is_dir() || std::fs::symlink_metadata(&file).is_err() {
+        return false;
+    }
+    let text = read_regular(&file, MOST_FILE_BYTES).unwrap_or_default();
+    let is_own = |set: Tileset| {
+        set.asset.generator.starts_with("stonecut") || set.extras["stonecut"].is_object()
+    };
+    read_tileset(&text).map_or(true, is_own)
 }
 
 /// Reads a tile and holds it against its description.
