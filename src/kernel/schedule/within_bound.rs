@@ -17,6 +17,8 @@ const FIRST_SHARE: f64 = 0.25;
 const STEP: f32 = 4.0;
 /// Levels end where more than this share of the triangles is left after one.
 const PROGRESS: f64 = 0.98;
+/// The same for queues over everything: on scans a second one takes 0 to 0.4 % of the triangles (docs/results/bound.md).
+const QUEUE_PROGRESS: f64 = 0.9;
 
 /// Blocks of triangles whose edges seed one queue. They begin with the same triangles after a compaction, however many
 /// triangles are gone in other blocks: what is done at one place does not depend on what is done elsewhere, and another
@@ -85,7 +87,7 @@ impl Driver {
             self.seed(&mut queue, 0..self.state.surface.triangles.len(), f32::INFINITY);
             let limits = DrainLimits { cost: f32::MAX, triangles: target, may_stall: false };
             self.drain(&mut queue, limits);
-            let is_over = self.state.surface.n_alive as f64 > before as f64 * PROGRESS;
+            let is_over = self.state.surface.n_alive as f64 > before as f64 * QUEUE_PROGRESS;
             if is_over || self.interrupt.is_raised() {
                 break;
             }

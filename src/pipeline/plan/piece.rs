@@ -7,15 +7,18 @@ use crate::mesh::Mesh;
 use std::collections::HashMap;
 
 /// Triangles of a piece at most.
-const PIECE: usize = 40_000;
+pub(super) const PIECE: usize = 40_000;
+/// The same within a bound, where a triangle takes ten times as long.
+const BOUNDED_PIECE: usize = 10_000;
 /// A piece with more vertices a triangle is in pieces itself, and says nothing. Raw marching cubes of 1.5 to 2.7 million triangles,
 /// in the order of their slices, have 0.64 to 0.66, and faces in no order 2.
 const LOOSE: f64 = 0.8;
 /// Inputs with fewer triangles are not worth a look at what a bound leaves of them.
 const BOUNDED_FROM: u64 = 100_000;
 
-/// The first triangles of a block of faces as a mesh; `None` where they are few, do not hang together, or cannot be read.
-pub(super) fn piece(source: &MeshSource, block: u64) -> Option<Mesh> {
+/// The first triangles of a block of faces, at most `most`, as a mesh; `None` where they are few, do not hang together, or cannot be
+/// read.
+pub(super) fn piece(source: &MeshSource, block: u64, most: usize) -> Option<Mesh> {
     if block >= source.n_face_blocks() || !source.has_even_vertices() {
         return None;
     }
@@ -24,7 +27,7 @@ pub(super) fn piece(source: &MeshSource, block: u64) -> Option<Mesh> {
     let mut lookup = source.positions().ok()?;
     let mut mesh = Mesh::default();
     let mut known = HashMap::new();
-    for corners in faces.triangles.iter().take(PIECE) {
+    for corners in faces.triangles.iter().take(most) {
         let mut place = |vertex: u64| {
             let next = known.len() as u32;
             let id = *known.entry(vertex).or_insert(next);
@@ -38,14 +41,14 @@ pub(super) fn piece(source: &MeshSource, block: u64) -> Option<Mesh> {
         mesh.triangles.push(triangle);
     }
     let n = mesh.triangles.len();
-    let is_whole = n >= PIECE / 4 && mesh.positions.len() as f64 <= LOOSE * n as f64;
+    let is_whole = n >= most / 4 && mesh.positions.len() as f64 <= LOOSE * n as f64;
     is_whole.then_some(mesh)
 }
 
 /// Share of its triangles that the bound of a run leaves of a piece from the middle, about.
 pub(super) fn share_within_bound(source: &MeshSource, config: &Config) -> Option<f64> {
     let bound = config.kernel.bound.filter(|_| source.n_triangles() >= BOUNDED_FROM)?;
-    let mesh = piece(source, source.n_face_blocks() / 2)?;
+    let mesh = piece(source, source.n_face_blocks() / 2, BOUNDED_PIECE)?;
     let n = mesh.triangles.len() as f64;
     let options = Options { stop: Stop::Triangles(0), bound: Some(bound), ..Options::default() };
     let locked = vec![false; mesh.positions.len()];

@@ -5,7 +5,7 @@
 //! machines differ; both show when a block of the input goes through the kernel before the run.
 
 use super::ledger::Course;
-use super::piece::piece;
+use super::piece::{PIECE, piece};
 use super::steps::FinishPlan;
 use crate::config::Config;
 use crate::io::OutputKind;
@@ -157,7 +157,7 @@ fn times(source: &MeshSource, config: &Config) -> f64 {
 
 /// Times as long as on the reference machine a piece of the input takes, by its shape alone. `None` where it says nothing.
 fn pace(source: &MeshSource) -> Option<f64> {
-    let mesh = piece(source, source.n_face_blocks() / 2)?;
+    let mesh = piece(source, source.n_face_blocks() / 2, PIECE)?;
     let n = mesh.triangles.len() as f64;
     let stop = Stop::Triangles((n * SAMPLE_RATIO) as u64);
     let options = Options { stop, fit: Fit::Off, ..Options::default() };
