@@ -52,49 +52,50 @@ impl Exact<'_> {
     fn scan(&mut self, point: Vector, guess: (f64, u32), enough_sq: f64) -> (f64, u32) {
         let mesh = self.mesh;
         if self.runs.is_empty() {
-            let runs = mesh.triangles.chunks(RUN).map(|run| {
-                let corners = run.as_flattened().iter().map(|v| mesh.positions[*v as usize]);
-                corners.fold(Bounds::EMPTY, |bounds, p| bounds.joined(&Bounds { low: p, high: p }))
-            });
-            self.runs = runs.collect();
+            let around = |run: &[[u32; 3]]| {
+                let mut bounds = Bounds::EMPTY;
+                run.as_flattened().iter().for_each(|v| bounds.add(mesh.positions[*v as usize]));
+                bounds
+            };
+            self.runs = mesh.triangles.chunks(RUN).map(around).collect();
             let join =
                 |runs: &[Bounds]| runs.iter().fold(Bounds::EMPTY, |all, run| all.joined(run));
             self.stretches = self.runs.chunks(RUN).map(join).collect();
         }
-        let mut best = guess;
         self.looks += self.stretches.len() as u64;
-        for (stretch, bounds) in self.stretches.iter().enumerate() {
-            if off_sq(bounds, point) >= best.0 {
-                continue;
+        let off_sq: Vec<f64> = self.stretches.iter().map(|own| own.distance_sq(point)).collect();
+        let mut best = guess;
+        // The nearest one first: what lies in it rules most others out, where the guess is far off or there is none.
+        let first = (0..off_sq.len()).min_by(|&a, &b| off_sq[a].total_cmp(&off_sq[b]));
+        for stretch in first.into_iter().chain(0..off_sq.len()) {
+            if best.0 <= enough_sq {
+                break;
             }
-            let first = stretch * RUN;
-            let runs = first..(first + RUN).min(self.runs.len());
-            self.looks += runs.len() as u64;
-            for run in runs {
-                if off_sq(&self.runs[run], point) >= best.0 {
-                    continue;
-                }
-                let first = run * RUN;
-                let triangles = first..(first + RUN).min(mesh.triangles.len());
-                self.looks += 4 * triangles.len() as u64;
-                for t in triangles {
-                    let (distance_sq, _) = closest(point, &mesh.corners(t));
-                    if distance_sq < best.0 {
-                        best = (distance_sq, t as u32);
-                    }
-                }
-                if best.0 <= enough_sq {
-                    return best;
-                }
+            if off_sq[stretch] < best.0 {
+                self.look_into(stretch, point, &mut best);
             }
         }
         best
     }
-}
 
-/// The squared distance of a point from a box.
-fn off_sq(bounds: &Bounds, point: Vector) -> f64 {
-    let off = |k: usize| (bounds.low[k] - point[k]).max(point[k] - bounds.high[k]).max(0.0);
-    let [x, y, z] = [off(0), off(1), off(2)];
-    x * x + y * y + z * z
+    /// Looks for a nearer triangle than the best so far in a stretch.
+    fn look_into(&mut self, stretch: usize, point: Vector, best: &mut (f64, u32)) {
+        let first = stretch * RUN;
+        let runs = first..(first + RUN).min(self.runs.len());
+        self.looks += runs.len() as u64;
+        for run in runs {
+            if self.runs[run].distance_sq(point) >= best.0 {
+                continue;
+            }
+            let first = run * RUN;
+            let triangles = first..(first + RUN).min(self.mesh.triangles.len());
+            self.looks += 4 * triangles.len() as u64;
+            for t in triangles {
+                let (distance_sq, _) = closest(point, &self.mesh.corners(t));
+                if distance_sq < best.0 {
+                    *best = (distance_sq, t as u32);
+                }
+            }
+        }
+    }
 }
