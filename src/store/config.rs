@@ -258,6 +258,11 @@ pub struct Config {
 }
 
 impl Config {
+    /// True if lengths are derived from the size of the mesh.
+    pub fn needs_size(&self) -> bool {
+        self.close.is_some() || self.min_component.is_some()
+    }
+
     /// Settings for reading the input.
     pub fn read_options(&self) -> ReadOptions {
         let (skip_bad, placing) = (self.skip_bad, self.placing.clone());

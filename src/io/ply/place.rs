@@ -1,10 +1,10 @@
 //! Places an open mesh: looks at all positions once, and notes what becomes of them as they leave the reader. Takes it out of a
 //! folder that vanishes.
 
-use super::VertexBlock;
 use super::placed::Placed;
 use super::raw::Spool;
 use super::source::MeshSource;
+use super::{FaceBlock, VertexBlock};
 use crate::sidecars::{CRS, Georeference, LIES_AT, UNKNOWN, crs_in, lost_axes};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,7 +23,8 @@ impl MeshSource {
         self.placed.as_ref().map_or(position, |placed| placed.point(position))
     }
 
-    /// Places the mesh. Where the placing changes something, all vertices are read once for their bounds.
+    /// Places the mesh. Where the placing changes something, all vertices are read once for their bounds;
+    /// to move the middle to the origin, all faces before them.
     ///
     /// Errors: those of reading; places that are not finite.
     pub fn place(&mut self, placing: &Placing) -> Result<()> {
@@ -33,9 +34,14 @@ impl MeshSource {
             return Ok(());
         }
         let schema = self.schema().clone();
+        let used = if placing.recentres { self.used_vertices()? } else { Vec::new() };
+        let is_used =
+            |v: u64| used.get((v / 64) as usize).is_none_or(|bits| bits >> (v % 64) & 1 == 1);
         let mut bounds = Bounds::EMPTY;
-        self.each_vertex(|_, row| {
-            bounds.add(placing.point(schema.position(row)));
+        self.each_vertex(|v, row| {
+            if is_used(v) {
+                bounds.add(placing.point(schema.position(row)));
+            }
             Ok(())
         })?;
         let Some(placed) = Placed::new(placing, schema, &bounds, self.comments()) else {
@@ -45,6 +51,24 @@ impl MeshSource {
         };
         self.placed = Some(placed);
         Ok(())
+    }
+
+    /// A bit for each vertex that a face uses; empty where there are no faces. Reads all faces.
+    fn used_vertices(&self) -> Result<Vec<u64>> {
+        if self.n_face_rows() == 0 {
+            return Ok(Vec::new());
+        }
+        let mut used = vec![0u64; self.n_vertices().div_ceil(64) as usize];
+        let mut faces = FaceBlock::default();
+        for block in 0..self.n_face_blocks() {
+            self.read_faces(block, &mut faces)?;
+            for v in faces.triangles.iter().flatten() {
+                if let Some(bits) = used.get_mut((v / 64) as usize) {
+                    *bits |= 1 << (v % 64);
+                }
+            }
+        }
+        Ok(used)
     }
 
     /// Adds comments on the place of the mesh, out of files beside it.

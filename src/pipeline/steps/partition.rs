@@ -12,7 +12,7 @@ use crate::pipeline::prepare::Prepared;
 use crate::stages::components::{self, ComponentSizes, Components};
 use crate::stages::partition::{self, Partition};
 use crate::store::cell_id::CellId;
-use crate::store::cells::{CellStore, StoreInfo};
+use crate::store::cells::{CellStore, StoreInfo, VertexLayout};
 use crate::store::job::fingerprint::unchanged;
 use crate::store::stage_context::StageContext;
 use crate::system::parallel::guarded;
@@ -58,7 +58,14 @@ impl SimplifyRun<'_> {
             |p: &Partition| p.store.triangles,
             |run| {
                 // Nothing reads the input after this.
-                let outcome = guarded(|| partition::partition(source, size, run));
+                let outcome = guarded(|| {
+                    let mut partition = partition::partition(source, size, run)?;
+                    if config.needs_size() {
+                        partition
+                            .narrow(VertexLayout::new(source.schema(), source.n_vertices()), run)?;
+                    }
+                    Ok(partition)
+                });
                 unchanged(&config.input, marks, outcome)
             },
         )?;

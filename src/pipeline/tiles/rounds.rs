@@ -180,8 +180,8 @@ impl Stages<'_> {
             return Ok(());
         }
         let what = format!(
-            "positions in tiles would be rounded to {:.3e}, its edges are {edge:.3e} long: some of its parts lie too far from the others. \
-             Remove those first (stonecut simplify --min-component 100 --ratio 100%), or give a smaller --tile-triangles; nothing was written",
+            "positions in tiles would be rounded to {:.3e}, its edges are {edge:.3e} long: some of its parts, or vertices without a face, lie too far from the others. \
+             Remove those first (stonecut simplify --min-component 100 --ratio 100%; stonecut convert for such vertices), or give a smaller --tile-triangles; nothing was written",
             lattice.step
         );
         Err(Error::bad_input(&self.config.input, what))

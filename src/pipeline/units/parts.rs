@@ -13,7 +13,7 @@ use crate::stages::partition::{
     Part, Partition, Scanned, Scattered, SharedPart, join_parts, scan_part, scatter_part,
     share_part, tree_of_parts,
 };
-use crate::store::cells::PackFile;
+use crate::store::cells::{PackFile, VertexLayout};
 use crate::store::job::Job;
 use crate::store::job::fingerprint::unchanged;
 use crate::store::job::units::{Record, Unit};
@@ -98,7 +98,11 @@ impl PhaseRun<'_> {
             return Ok(());
         }
         let size = self.config.cell_triangles;
-        let partition = join_parts(source, size, (&scattered, &shared), &self.context(job))?;
+        let mut partition = join_parts(source, size, (&scattered, &shared), &self.context(job))?;
+        if self.config.needs_size() {
+            let layout = VertexLayout::new(source.schema(), source.n_vertices());
+            partition.narrow(layout, &self.context(job))?;
+        }
         let units: Vec<(Unit, Record)> = self.earlier.values().flatten().cloned().collect();
         let triangles = partition.store.triangles;
         let report = StageReport {

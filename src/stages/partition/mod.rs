@@ -38,9 +38,10 @@ use passes::{Blocks, Passes, at_window};
 use serde::{Deserialize, Serialize};
 use stonecut_io::ply::MeshSource;
 use stonecut_mesh::bounds::Bounds;
+use stonecut_store::cell_id::CellId;
 use stonecut_store::cells::{
-    CellMap, CellTree, GroupGrid, Lattice, StoreInfo, TurnedFrame, VertexLayout, plan_cells,
-    split_overfull,
+    CellMap, CellStore, CellTree, GroupGrid, Lattice, StoreInfo, TurnedFrame, VertexLayout,
+    plan_cells, split_overfull,
 };
 use stonecut_store::stage_context::StageContext;
 use stonecut_system::error::{Error, Result};
@@ -62,6 +63,25 @@ pub struct Partition {
     /// The vertex on a seam that is nearest to the middle of the box.
     #[serde(default)]
     pub seam_place: Option<[f64; 3]>,
+}
+
+impl Partition {
+    /// Narrows the box to the vertices that triangles use: a size that is derived from it must not count what is left out.
+    ///
+    /// Reads cells until the box is met, as a rule most of them. Memory: a cell.
+    pub fn narrow(&mut self, layout: VertexLayout, run: &StageContext) -> Result<()> {
+        let store = CellStore::open(run.disk(), run.job.folder(), self.store.clone(), layout)?;
+        let mut used = Bounds::EMPTY;
+        for cell in CellId::first(store.n_cells()) {
+            if used == self.bounds {
+                break;
+            }
+            run.progress.check()?;
+            used = used.joined(&Bounds::of(&store.load(cell)?.mesh));
+        }
+        self.bounds = used.or_origin();
+        Ok(())
+    }
 }
 
 /// Chunk headers, shared rows and file-system blocks on top of the bare rows of a store.
