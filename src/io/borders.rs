@@ -82,14 +82,23 @@ impl OpenBorders {
         while first < n_vertices {
             let end = (first + at_once).min(n_vertices);
             let mut sums = vec![0u32; (end - first) as usize];
+            let mut add = |v: u64, hash: u32| {
+                if let Some(sum) = sums.get_mut(v.wrapping_sub(first) as usize) {
+                    *sum ^= hash;
+                }
+            };
             each_row(rows, 0..rows.len(), layout, |row| {
+                if row[0] == 3 {
+                    let [a, b, c] = [0, 1, 2].map(|i| u64::from(corner(row, i)));
+                    let [ab, bc, ca] = [hash(a, b), hash(b, c), hash(c, a)];
+                    add(a, ab ^ ca);
+                    add(b, ab ^ bc);
+                    add(c, bc ^ ca);
+                    return Ok(());
+                }
                 each_side(row, |[a, b]| {
-                    let hash = hash(a, b);
-                    for v in [a, b] {
-                        if let Some(sum) = sums.get_mut(v.wrapping_sub(first) as usize) {
-                            *sum ^= hash;
-                        }
-                    }
+                    add(a, hash(a, b));
+                    add(b, hash(a, b));
                     Ok(())
                 })
             })?;

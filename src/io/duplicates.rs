@@ -28,10 +28,15 @@ impl DuplicateFinder {
 
     /// Appends a triangle; ids must be below 2^32, as in every output.
     pub fn push(&mut self, triangle: [u64; 3]) -> Result<()> {
+        self.n_triangles += 1;
+        self.push_at(self.n_triangles - 1, triangle)
+    }
+
+    /// Takes a triangle at a place behind those of all before it, where only some triangles are of interest.
+    pub(crate) fn push_at(&mut self, place: u64, triangle: [u64; 3]) -> Result<()> {
         let mut corners = triangle.map(|v| v as u32);
         corners.sort_unstable();
-        let [high, low] = halves(self.n_triangles);
-        self.n_triangles += 1;
+        let [high, low] = halves(place);
         self.sort.push([corners[0], corners[1], corners[2], high, low])
     }
 

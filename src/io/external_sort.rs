@@ -3,6 +3,7 @@
 use crate::ply::raw::{RawFile, Spool};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
+use std::collections::binary_heap::PeekMut;
 use std::path::Path;
 use stonecut_system::disk::Disk;
 use stonecut_system::error::Result;
@@ -25,7 +26,7 @@ impl<const N: usize> ExternalSort<N> {
     pub fn new(folder: &Path, memory_bytes: usize) -> Self {
         ExternalSort {
             records: Vec::new(),
-            max_records: (memory_bytes / (4 * N)).max(1024),
+            max_records: (memory_bytes / (4 * N + place_bytes(N))).clamp(1024, 1 << 31),
             spool: Spool::new(folder),
             runs: Vec::new(),
             name: folder.to_path_buf(),
@@ -49,9 +50,9 @@ impl<const N: usize> ExternalSort<N> {
     fn spill(&mut self) -> Result<()> {
         // Memory was too small for the records already.
         self.spool.leave_memory()?;
-        self.records.sort_unstable_by(order);
         self.runs.push(self.spool.len());
-        self.spool.write(bytemuck::cast_slice(self.records.as_flattened()))?;
+        let spool = &mut self.spool;
+        each_in_order(&mut self.records, |record| spool.write(bytemuck::cast_slice(&record)))?;
         self.records.clear();
         Ok(())
     }
@@ -59,8 +60,7 @@ impl<const N: usize> ExternalSort<N> {
     /// Calls `each` with every record, in order.
     pub fn drain(mut self, mut each: impl FnMut([u32; N]) -> Result<()>) -> Result<()> {
         if self.runs.is_empty() {
-            self.records.sort_unstable_by(order);
-            return self.records.into_iter().try_for_each(each);
+            return each_in_order(&mut self.records, each);
         }
         self.spill()?;
         let budget = self.max_records * 4 * N;
@@ -81,14 +81,44 @@ impl<const N: usize> ExternalSort<N> {
                 heap.push(RunHead { record, run: i });
             }
         }
-        while let Some(RunHead { record, run: i }) = heap.pop() {
-            each(record)?;
-            if let Some(record) = runs[i].pop(&file, buffer)? {
-                heap.push(RunHead { record, run: i });
+        while let Some(mut head) = heap.peek_mut() {
+            each(head.record)?;
+            match runs[head.run].pop(&file, buffer)? {
+                Some(record) => head.record = record,
+                None => drop(PeekMut::pop(head)),
             }
         }
         Ok(())
     }
+}
+
+/// Numbers that come first in the order of a record, and its place.
+type SortPlace = (u64, u32);
+
+/// Bytes of a place, where records of `n` numbers have one: short ones are moved themselves.
+const fn place_bytes(n: usize) -> usize {
+    if n <= 4 { 0 } else { size_of::<SortPlace>() }
+}
+
+/// Calls `each` with all records in order.
+fn each_in_order<const N: usize>(
+    records: &mut [[u32; N]],
+    mut each: impl FnMut([u32; N]) -> Result<()>,
+) -> Result<()> {
+    if place_bytes(N) == 0 {
+        records.sort_unstable_by(order);
+        return records.iter().try_for_each(|record| each(*record));
+    }
+    // The first two numbers that are not the same in all records decide nearly always.
+    let mut differ = (0..N).filter(|&k| records.iter().any(|record| record[k] != records[0][k]));
+    let (p, q) = (differ.next().unwrap_or(0), differ.next().unwrap_or(N - 1));
+    let place = |(record, i): (&[u32; N], u32)| (whole(record[p], record[q]), i);
+    let mut places: Vec<SortPlace> = records.iter().zip(0..).map(place).collect();
+    places.sort_unstable();
+    for equal in places.chunk_by_mut(|a, b| a.0 == b.0).filter(|equal| equal.len() > 1) {
+        equal.sort_unstable_by(|a, b| order(&records[a.1 as usize], &records[b.1 as usize]));
+    }
+    places.into_iter().try_for_each(|(_, i)| each(records[i as usize]))
 }
 
 /// The order of two records. Written out, since comparisons of arrays are calls that take a fifth of the time of a sort.

@@ -56,7 +56,7 @@ fn with_boundary(source: MeshSource, options: &StageOptions) -> Result<MeshSourc
     })?;
     let n_vertices = source.n_vertices();
     let vertices = vertices.finish(source.path())?;
-    let Some(faces) = face_rows(&source, |v| Ok(v as u32), options)? else {
+    let Some(faces) = face_rows(&source, options)? else {
         let what = "--lock boundary: it has a face of more than 127 corners; triangulate it first";
         return Err(Error::bad_input(source.path(), what));
     };

@@ -2,6 +2,7 @@
 
 use super::open_options::StageOptions;
 use crate::ply::header::Encoding;
+use crate::ply::lookup::PagedRows;
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::source::Staged;
 use crate::ply::{FaceSchema, Faults, MeshSource, OutputHeader, TextureInfo};
@@ -95,44 +96,82 @@ pub(crate) struct FaceRows {
     pub n_bad: u64,
 }
 
-/// Writes the faces with their new corners; `None` if one has too many corners for a row.
-pub(crate) fn face_rows(
-    source: &MeshSource,
-    number: impl FnMut(u64) -> Result<u32>,
-    options: &StageOptions,
-) -> Result<Option<FaceRows>> {
-    face_rows_with(source, number, options, |_, row, out| {
-        out.write(row)?;
-        Ok(1)
+/// Rows of one size, one behind the other.
+#[derive(Clone, Copy)]
+pub(crate) struct FewRows<'a> {
+    pub bytes: &'a [u8],
+    pub n: u64,
+}
+
+impl<'a> FewRows<'a> {
+    pub fn each(self) -> std::slice::ChunksExact<'a, u8> {
+        self.bytes.chunks_exact(self.bytes.len() / self.n.max(1) as usize)
+    }
+}
+
+/// New numbers of vertices, some pages of which are in memory.
+pub(crate) struct Numbers<'a> {
+    file: &'a RawFile,
+    rows: PagedRows,
+}
+
+impl<'a> Numbers<'a> {
+    /// Pages kept: 4 MiB in all.
+    const PAGES: usize = 1024;
+
+    pub fn new(file: &'a RawFile) -> Numbers<'a> {
+        Numbers { file, rows: PagedRows::new(0, 4, Self::PAGES) }
+    }
+
+    #[inline]
+    pub fn get(&mut self, v: u64) -> Result<u32> {
+        let row = self.rows.get(self.file, v)?;
+        Ok(u32::from_le_bytes(row.try_into().expect("4 bytes")))
+    }
+}
+
+/// Tables of new numbers that have pages in memory at a time.
+const MOST_THREADS: usize = 4;
+
+/// Writes the faces as they are; `None` if one has too many corners for a row.
+pub(crate) fn face_rows(source: &MeshSource, options: &StageOptions) -> Result<Option<FaceRows>> {
+    face_rows_with(source, None, options, |_, rows, out| {
+        out.write(rows.bytes)?;
+        Ok(rows.n)
     })
 }
 
-/// Gives rows with their new corners to `put`, which has the row's number in the source, and writes what becomes of it: some rows.
-/// If some rows are not of one size, `put` has the first ones again, from number 0.
-pub(crate) fn face_rows_with(
+/// Gives rows with their new corners to `put`, which has the first one's number in the source, and writes what becomes of them:
+/// some rows. If some rows are not of one size, `put` has the first ones again, from number 0.
+pub(crate) fn face_rows_with<'a>(
     source: &MeshSource,
-    mut number: impl FnMut(u64) -> Result<u32>,
+    numbers: Option<&'a RawFile>,
     options: &StageOptions,
-    mut put: impl FnMut(u64, &mut Vec<u8>, &mut Spool) -> Result<u64>,
+    mut put: impl FnMut(u64, FewRows, &mut Spool) -> Result<u64>,
 ) -> Result<Option<FaceRows>> {
     let has_texture = source.has_corner_texture();
     let mut out = options.spool();
     let (mut n_faces, mut n_bad, mut row) = (0u64, 0, Vec::new());
-    let mut n_read = 0;
-    let plain = source.each_plain_row(|own| {
-        for i in 0..3 {
-            set_corner(own, i, number(u64::from(corner(own, i)))?);
-        }
-        row.clear();
-        row.extend_from_slice(own);
-        n_faces += put(n_read, &mut row, &mut out)?;
-        n_read += 1;
+    let change = |row: &mut [u8], own: &mut Option<Numbers<'a>>| {
+        let Some(file) = numbers else { return Ok(()) };
+        let own = own.get_or_insert_with(|| Numbers::new(file));
+        (0..3).try_for_each(|i| {
+            set_corner(row, i, own.get(u64::from(corner(row, i)))?);
+            Ok(())
+        })
+    };
+    let threads = if numbers.is_some() { options.threads.get().min(MOST_THREADS) } else { 1 };
+    let is_plain = source.each_plain_block(threads, change, |first, bytes, n| {
+        n_faces += put(first, FewRows { bytes, n }, &mut out)?;
         Ok(())
     })?;
-    if plain.is_some() {
+    if is_plain {
         return Ok(Some(FaceRows { rows: out.finish(source.path())?, n_faces, n_bad: 0 }));
     }
-    (out, n_faces, n_read) = (options.spool(), 0, 0);
+    let mut own = numbers.map(Numbers::new);
+    let mut number = |v: u64| own.as_mut().map_or(Ok(v as u32), |own| own.get(v));
+    let mut n_read = 0;
+    (out, n_faces) = (options.spool(), 0);
     if source.has_strips() {
         source.each_face_block(|block| {
             n_bad += block.n_bad;
@@ -142,7 +181,7 @@ pub(crate) fn face_rows_with(
                 for &v in triangle {
                     row.extend_from_slice(&number(v)?.to_le_bytes());
                 }
-                n_faces += put(n_read, &mut row, &mut out)?;
+                n_faces += put(n_read, FewRows { bytes: &row, n: 1 }, &mut out)?;
                 n_read += 1;
             }
             Ok(())
@@ -166,7 +205,7 @@ pub(crate) fn face_rows_with(
                 }
             }
             row.extend_from_slice(&face.values);
-            n_faces += put(place, &mut row, &mut out)?;
+            n_faces += put(place, FewRows { bytes: &row, n: 1 }, &mut out)?;
             Ok(())
         })?;
         if is_too_wide {

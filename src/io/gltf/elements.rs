@@ -29,16 +29,29 @@ impl Number {
         }
     }
 
-    fn read(self, bytes: &[u8]) -> f64 {
-        let (value, most) = match self.kind {
-            5120 => (f64::from(bytes[0] as i8), 127.0),
-            5121 => (f64::from(bytes[0]), 255.0),
-            5122 => (f64::from(i16::from_le_bytes([bytes[0], bytes[1]])), 32_767.0),
-            5123 => (f64::from(u16::from_le_bytes([bytes[0], bytes[1]])), 65_535.0),
-            5125 => (f64::from(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])), 1.0),
-            _ => (f64::from(f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])), 1.0),
-        };
-        if self.normalized { (value / most).max(-1.0) } else { value }
+    /// Makes numbers of some bytes.
+    fn read(self, bytes: &[u8], out: &mut Vec<f64>) {
+        fn each<const N: usize>(bytes: &[u8], out: &mut Vec<f64>, of: impl Fn([u8; N]) -> f64) {
+            out.extend(bytes.as_chunks::<N>().0.iter().map(|&bytes| of(bytes)));
+        }
+        match self.kind {
+            5120 => each(bytes, out, |b| f64::from(i8::from_le_bytes(b))),
+            5121 => each(bytes, out, |b| f64::from(u8::from_le_bytes(b))),
+            5122 => each(bytes, out, |b| f64::from(i16::from_le_bytes(b))),
+            5123 => each(bytes, out, |b| f64::from(u16::from_le_bytes(b))),
+            5125 => each(bytes, out, |b| f64::from(u32::from_le_bytes(b))),
+            _ => each(bytes, out, |b| f64::from(f32::from_le_bytes(b))),
+        }
+        if self.normalized {
+            let most = match self.kind {
+                5120 => 127.0,
+                5121 => 255.0,
+                5122 => 32_767.0,
+                5123 => 65_535.0,
+                _ => 1.0,
+            };
+            out.iter_mut().for_each(|value| *value = (*value / most).max(-1.0));
+        }
     }
 }
 
@@ -107,8 +120,7 @@ impl Elements {
     pub(super) fn read(&self, first: u64, bytes: &mut Vec<u8>, out: &mut Vec<f64>) -> Result<()> {
         out.clear();
         self.read_bytes(first, bytes)?;
-        let numbers = bytes.chunks_exact(self.number.bytes());
-        out.extend(numbers.map(|bytes| self.number.read(bytes)));
+        self.number.read(bytes, out);
         Ok(())
     }
 

@@ -121,8 +121,10 @@ impl<'a> Joiner<'a> {
     /// Takes a face with the numbers of its material and of its name.
     pub(super) fn put_face(&mut self, corners: [u64; 3], labels: [i32; 2]) -> Result<()> {
         self.n_faces += 1;
-        let bytes = labels.map(i32::to_le_bytes);
-        self.labels.write(&bytes.as_flattened()[..self.label_bytes()])?;
+        if self.has.numbers || self.has.names {
+            let bytes = labels.map(i32::to_le_bytes);
+            self.labels.write(&bytes.as_flattened()[..self.label_bytes()])?;
+        }
         match &mut self.held {
             // A mesh in memory has fewer vertices than 32 bits can number.
             Some(held) if held.has_room() => {
@@ -177,9 +179,9 @@ impl<'a> Joiner<'a> {
             }
             let labels = self.labels.finish(name.path())?;
             let mut faces = Faces::new(&labels, (has, label_bytes), false);
-            for corner in corners.as_flattened() {
-                let uv = vertices[*corner as usize].uv.map(f32::to_bits);
-                faces.add(held.id(*corner), uv, &mut out)?;
+            for face in corners {
+                let uvs = face.map(|corner| vertices[corner as usize].uv.map(f32::to_bits));
+                faces.put(face.map(|corner| held.id(corner)), uvs, &mut out)?;
             }
             return out.finish(name.path());
         }
@@ -248,48 +250,52 @@ impl<'a> Joiner<'a> {
         out.append_file(&vertices.finish(name.path())?)?;
         let labels = self.labels.finish(name.path())?;
         let mut faces = Faces::new(&labels, (has, label_bytes), is_wide);
-        by_corner.drain(|[_, _, high, low, u, v]| faces.add(whole(high, low), [u, v], &mut out))?;
+        let (mut ids, mut uvs, mut k) = ([0; 3], [[0; 2]; 3], 0);
+        by_corner.drain(|[_, _, high, low, u, v]| {
+            (ids[k], uvs[k]) = (whole(high, low), [u, v]);
+            k = (k + 1) % 3;
+            if k == 0 { faces.put(ids, uvs, &mut out) } else { Ok(()) }
+        })?;
         out.finish(name.path())
     }
 }
 
-/// Rows of faces, put together corner by corner.
+/// Rows of faces.
 struct Faces<'a> {
     labels: RowWindow<&'a RawFile>,
     has: FaceParts,
     is_wide: bool,
     row: Vec<u8>,
-    texture: Vec<u8>,
     face: u64,
 }
 
 impl<'a> Faces<'a> {
     fn new(labels: &'a RawFile, (has, label_bytes): (FaceParts, usize), is_wide: bool) -> Self {
         let labels = RowWindow::new(labels, label_bytes);
-        Faces { labels, has, is_wide, row: vec![3u8], texture: Vec::new(), face: 0 }
+        Faces { labels, has, is_wide, row: vec![3u8], face: 0 }
     }
 
-    /// Takes a corner: its vertex, and the bits of its texture coordinates; writes the face with its last one.
-    fn add(&mut self, id: u64, uv: [u32; 2], out: &mut Spool) -> Result<()> {
+    /// Writes the next face: its vertices, and the bits of their texture coordinates.
+    fn put(&mut self, ids: [u64; 3], uvs: [[u32; 2]; 3], out: &mut Spool) -> Result<()> {
+        self.row.truncate(1);
         match self.is_wide {
-            true => self.row.extend_from_slice(&id.to_le_bytes()),
-            false => self.row.extend_from_slice(&(id as u32).to_le_bytes()),
-        }
-        self.texture.extend_from_slice(uv.map(u32::to_le_bytes).as_flattened());
-        if self.texture.len() < 24 {
-            return Ok(());
+            true => self.row.extend_from_slice(ids.map(u64::to_le_bytes).as_flattened()),
+            false => {
+                let ids = ids.map(|id| (id as u32).to_le_bytes());
+                self.row.extend_from_slice(ids.as_flattened());
+            }
         }
         if self.has.texture {
             self.row.push(6);
-            self.row.extend_from_slice(&self.texture);
+            let uvs = uvs.map(|uv| uv.map(u32::to_le_bytes));
+            self.row.extend_from_slice(uvs.as_flattened().as_flattened());
         }
-        let labels = self.labels.get(self.face)?;
-        self.row.extend_from_slice(if self.has.numbers { labels } else { &labels[4..] });
-        out.write(&self.row)?;
-        self.row.truncate(1);
-        self.texture.clear();
+        if self.has.numbers || self.has.names {
+            let labels = self.labels.get(self.face)?;
+            self.row.extend_from_slice(if self.has.numbers { labels } else { &labels[4..] });
+        }
         self.face += 1;
-        Ok(())
+        out.write(&self.row)
     }
 }
 

@@ -372,7 +372,7 @@ fn put_faces(
     let mode = piece.mode;
     let n_indices = piece.indices.as_ref().map_or(n_vertices, |indices| indices.count);
     let (mut bytes, mut block) = (Vec::new(), Vec::new());
-    let (mut corners, mut n_bad, mut n) = ([0u64; 3], 0, 0u64);
+    let (mut open, mut place, mut n_bad, mut n) = ([0u64; 3], 0, 0, 0u64);
     for at in (0..n_indices).step_by(BLOCK as usize) {
         match &piece.indices {
             Some(indices) => indices.read(at, &mut bytes, &mut block)?,
@@ -382,20 +382,18 @@ fn put_faces(
             }
         }
         for &index in &block {
-            // A triangle of a fan begins with the first corner of all, one of a strip turns every other time.
-            let place = match mode {
-                STRIP | FAN => n.min(2) as usize,
-                _ => (n % 3) as usize,
-            };
-            if n > 2 && mode == STRIP {
-                corners = [corners[1], corners[2], 0];
-            } else if n > 2 && mode == FAN {
-                corners = [corners[0], corners[2], 0];
-            }
-            corners[place] = index as u64;
+            open[place] = index as u64;
             n += 1;
             if place < 2 {
+                place += 1;
                 continue;
+            }
+            // A triangle of a fan begins with the first corner of all, one of a strip turns every other time.
+            let corners = open;
+            match mode {
+                STRIP => open = [corners[1], corners[2], 0],
+                FAN => open = [corners[0], corners[2], 0],
+                _ => place = 0,
             }
             if corners.iter().any(|&v| v >= n_vertices) {
                 if skip_bad {

@@ -141,7 +141,7 @@ pub(crate) fn stage(
 /// Reads a part, moved by `shift` in its own axes.
 fn read_part(part: &MeshPart, shift: Option<[f64; 3]>, options: &StageOptions) -> Result<ReadPart> {
     let (source, found) = open(part, shift, options)?;
-    let Some(faces) = face_rows(&source, |v| Ok(v as u32), options)? else {
+    let Some(faces) = face_rows(&source, options)? else {
         let what =
             "a face of more than 127 corners cannot be joined with other files; convert it first";
         return Err(Error::bad_input(source.path(), what));

@@ -8,9 +8,12 @@ use super::scan::{Fault, Mark, Scan};
 use super::source::MeshSource;
 use super::strips::read_strips;
 use super::{BLOCK_ROWS, FaceBlock};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError};
 use stonecut_system::error::Result;
 use stonecut_system::losses::Loss;
+use stonecut_system::parallel;
+use stonecut_system::progress::Progress;
 
 impl MeshSource {
     /// Reads and checks one block of faces; callable from any thread. Reuses `block`'s memory.
@@ -147,32 +150,54 @@ impl MeshSource {
         }
     }
 
-    /// Calls `each` with the rows of triangles in turn if they stand in the file as they would in a staged one: a count of one
-    /// byte, three numbers of four, properties. `None` if any does not; then `each` has had rows in vain.
-    pub(crate) fn each_plain_row(
+    /// Calls `each` with blocks of rows of triangles in turn, their first row and number, if all stand in the file as they would
+    /// in a staged one: a count of one byte, three numbers of four, properties. Rows are changed by `change` before, on several
+    /// threads. Returns false if any does not; then `each` has had rows in vain.
+    pub(crate) fn each_plain_block<T: Default + Send>(
         &self,
-        mut each: impl FnMut(&mut [u8]) -> Result<()>,
-    ) -> Result<Option<u64>> {
-        let FaceLayout::Fixed { rows, fallback, .. } = &self.layout.faces else { return Ok(None) };
+        threads: usize,
+        change: impl Fn(&mut [u8], &mut T) -> Result<()> + Sync,
+        mut each: impl FnMut(u64, &[u8], u64) -> Result<()>,
+    ) -> Result<bool> {
+        let FaceLayout::Fixed { rows, fallback, .. } = &self.layout.faces else { return Ok(false) };
         let is_built = fallback.lock().unwrap_or_else(PoisonError::into_inner).is_some();
         let value_bytes: usize = self.face_properties().iter().map(|p| p.scalar.bytes()).sum();
         let is_mirror = self.placed.as_ref().is_some_and(Placed::is_mirror);
         let is_plain = rows.is_plain() && rows.stride == PLAIN_BYTES + value_bytes;
         if is_built || is_mirror || !is_plain || self.bad_vertices.len() > 0 {
-            return Ok(None);
+            return Ok(false);
         }
-        let mut block = Vec::new();
-        for index in 0..self.n_face_blocks() {
-            self.read_fixed_rows(index, &mut block)?;
-            for row in block.chunks_exact_mut(rows.stride) {
+        let is_odd = AtomicBool::new(false);
+        let produce = |index, (block, own): &mut (Vec<u8>, T)| {
+            if is_odd.load(Ordering::Relaxed) {
+                return Ok(());
+            }
+            self.read_fixed_rows(index, block)?;
+            block.chunks_exact_mut(rows.stride).try_for_each(|row| {
                 let corners = corners4(&row[1..], |v| u64::from(u32::from_le_bytes(v)));
-                if row[0] != 3 || corners.iter().any(|&v| v >= self.n_vertices()) {
-                    return Ok(None);
+                if row[0] == 3 && corners.iter().all(|&v| v < self.n_vertices()) {
+                    return change(row, own);
                 }
-                each(row)?;
+                is_odd.store(true, Ordering::Relaxed);
+                Ok(())
+            })
+        };
+        let mut consume =
+            |index, (block, _): &mut (Vec<u8>, T)| match is_odd.load(Ordering::Relaxed) {
+                true => Ok(()),
+                false => each(index * BLOCK_ROWS, block, (block.len() / rows.stride) as u64),
+            };
+        if threads > 1 {
+            let progress = Progress::default();
+            parallel::in_order(self.n_face_blocks(), threads, &progress, produce, consume)?;
+        } else {
+            let mut slot = Default::default();
+            for index in 0..self.n_face_blocks() {
+                produce(index, &mut slot)?;
+                consume(index, &mut slot)?;
             }
         }
-        Ok(Some(self.n_face_rows()))
+        Ok(!is_odd.into_inner())
     }
 
     /// Reads the bytes of a block of rows of one size; returns the number of rows.

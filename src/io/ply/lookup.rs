@@ -42,8 +42,8 @@ impl<'a> Lookup<'a> {
 pub(crate) struct PagedRows {
     offset: u64,
     row_bytes: u64,
-    /// Rows of a page.
-    n_rows: u64,
+    /// Rows of a page, as a power of two.
+    row_bits: u32,
     n_pages: usize,
     pages: Vec<(u64, Vec<u8>)>,
 }
@@ -51,29 +51,34 @@ pub(crate) struct PagedRows {
 impl PagedRows {
     /// Keeps `n_pages`, a power of two.
     pub fn new(offset: u64, row_bytes: u64, n_pages: usize) -> PagedRows {
-        let n_rows = (PAGE_BYTES / row_bytes).max(1);
-        PagedRows { offset, row_bytes, n_rows, n_pages, pages: Vec::new() }
+        let row_bits = (PAGE_BYTES / row_bytes).max(1).ilog2();
+        PagedRows { offset, row_bytes, row_bits, n_pages, pages: Vec::new() }
     }
 
     /// A row that is there.
     #[inline]
     pub fn get(&mut self, file: &RawFile, row: u64) -> Result<&[u8]> {
-        let (page, row) = (row / self.n_rows, row % self.n_rows);
-        if self.pages.is_empty() {
-            self.pages.resize_with(self.n_pages, || (u64::MAX, Vec::new()));
+        let page = row >> self.row_bits;
+        let place = page as usize & (self.n_pages - 1);
+        if self.pages.get(place).is_none_or(|(kept, _)| *kept != page) {
+            self.load(file, page, place)?;
         }
-        let (kept, bytes) = &mut self.pages[page as usize & (self.n_pages - 1)];
-        if *kept != page {
-            // A page that failed to load must not be taken for a loaded one.
-            *kept = u64::MAX;
-            let page_bytes = self.n_rows * self.row_bytes;
-            bytes.resize(page_bytes as usize, 0);
-            let n = file.read_at_most(bytes, self.offset + page * page_bytes)?;
-            bytes.truncate(n);
-            *kept = page;
-        }
-        let at = (row * self.row_bytes) as usize;
-        let row = bytes.get(at..at + self.row_bytes as usize);
+        let at = ((row - (page << self.row_bits)) * self.row_bytes) as usize;
+        let row = self.pages[place].1.get(at..at + self.row_bytes as usize);
         row.ok_or_else(|| file.bad("the file was shortened during the run"))
+    }
+
+    #[cold]
+    fn load(&mut self, file: &RawFile, page: u64, place: usize) -> Result<()> {
+        self.pages.resize_with(self.n_pages, || (u64::MAX, Vec::new()));
+        let (kept, bytes) = &mut self.pages[place];
+        // A page that failed to load must not be taken for a loaded one.
+        *kept = u64::MAX;
+        let page_bytes = self.row_bytes << self.row_bits;
+        bytes.resize(page_bytes as usize, 0);
+        let n = file.read_at_most(bytes, self.offset + page * page_bytes)?;
+        bytes.truncate(n);
+        *kept = page;
+        Ok(())
     }
 }

@@ -3,38 +3,20 @@
 
 use super::overlaps::Overlap;
 use super::splits::{Hit, Hits};
-use crate::duplicates::DuplicateFinder;
+use crate::duplicates::{DuplicateFinder, Duplicates};
 use crate::open_options::StageOptions;
-use crate::ply::raw::Spool;
+use crate::ply::raw::{RawFile, Spool};
 use crate::ply::{FaceSchema, MeshSource};
-use crate::restaged::{FaceRows, RowLayout, corner, each_row};
+use crate::restaged::{FewRows, Numbers, RowLayout, corner, face_rows_with};
 use stonecut_system::error::Result;
 use stonecut_system::units::show_count;
 
 /// Changes to faces.
-pub(super) struct Edits<'a> {
-    options: &'a StageOptions,
+pub(super) struct Edits {
     layout: RowLayout,
     splits: Option<Hits>,
-    repeated: Option<Repeated>,
+    repeated: Duplicates,
     n_split: u64,
-    n_repeated: u64,
-}
-
-/// Triangles that may be there more than once: those all of whose vertices several became.
-struct Repeated {
-    finder: DuplicateFinder,
-    shared: Vec<u64>,
-}
-
-impl Repeated {
-    fn may_be(&self, row: &[u8]) -> bool {
-        let is_shared = |v: u32| {
-            let word = self.shared.get((v / 64) as usize).copied().unwrap_or(0);
-            word >> (v % 64) & 1 == 1
-        };
-        row[0] == 3 && (self.shared.is_empty() || (0..3).all(|i| is_shared(corner(row, i))))
-    }
 }
 
 /// A corner of a face that is split.
@@ -44,46 +26,80 @@ struct Corner {
     texture: [f32; 2],
 }
 
-impl<'a> Edits<'a> {
-    pub fn new(source: &MeshSource, options: &'a StageOptions) -> Edits<'a> {
+impl Edits {
+    pub fn new(source: &MeshSource) -> Edits {
         let faces = FaceSchema {
             texture: source.has_corner_texture(),
             properties: source.face_properties(),
         };
         let layout = RowLayout::of(&faces);
-        Edits { options, layout, splits: None, repeated: None, n_split: 0, n_repeated: 0 }
+        Edits { layout, splits: None, repeated: Duplicates::default(), n_split: 0 }
     }
 
     pub fn split(&mut self, hits: Hits) {
         self.splits = Some(hits).filter(|hits| hits.len() > 0);
     }
 
-    pub fn drop_repeated(&mut self, shared: Vec<u64>) {
-        let memory_bytes = (self.options.memory_bytes / 3) as usize;
-        let finder = DuplicateFinder::new(&self.options.temp_dir, memory_bytes);
-        self.repeated = Some(Repeated { finder, shared });
+    /// Finds triangles that are there more than once, among those all of whose vertices several became.
+    pub fn drop_repeated(
+        &mut self,
+        source: &MeshSource,
+        (numbers, shared): (&RawFile, &[u64]),
+        options: &StageOptions,
+    ) -> Result<()> {
+        let memory_bytes = (options.memory_bytes / 3) as usize;
+        let finder = || DuplicateFinder::new(&options.temp_dir, memory_bytes);
+        let (mut found, mut numbers) = (finder(), Numbers::new(numbers));
+        let is_shared = |v: u64| {
+            let word = shared.get((v / 64) as usize).copied().unwrap_or(0);
+            shared.is_empty() || word >> (v % 64) & 1 == 1
+        };
+        face_rows_with(source, None, options, |first, rows, _| {
+            if first == 0 {
+                found = finder();
+            }
+            'rows: for (place, row) in (first..).zip(rows.each()).filter(|(_, row)| row[0] == 3) {
+                let mut triangle = [0; 3];
+                for (i, v) in triangle.iter_mut().enumerate() {
+                    *v = u64::from(numbers.get(u64::from(corner(row, i)))?);
+                    if !is_shared(*v) {
+                        continue 'rows;
+                    }
+                }
+                found.push_at(place, triangle)?;
+            }
+            Ok(0)
+        })?;
+        self.repeated = found.finish()?;
+        Ok(())
     }
 
-    /// Writes what becomes of a row; rows come in order, the first one perhaps a second time.
-    pub fn put(&mut self, place: u64, row: &mut [u8], out: &mut Spool) -> Result<u64> {
-        if place == 0 {
-            self.begin()?;
+    /// Writes what becomes of rows; they come in order, the first ones perhaps a second time.
+    pub fn put(&mut self, first: u64, rows: FewRows, out: &mut Spool) -> Result<u64> {
+        if first == 0 {
+            self.n_split = 0;
+            self.splits.iter_mut().try_for_each(Hits::restart)?;
         }
-        if let Some(repeated) = &mut self.repeated
-            && repeated.may_be(row)
-        {
-            repeated.finder.push([0, 1, 2].map(|i| u64::from(corner(row, i))))?;
+        if self.splits.is_none() && self.repeated.count() == 0 {
+            out.write(rows.bytes)?;
+            return Ok(rows.n);
         }
-        let Some(hits) = &mut self.splits else {
-            out.write(row)?;
-            return Ok(1);
-        };
+        let mut both = (first..).zip(rows.each());
+        both.try_fold(0, |n, (place, row)| Ok(n + self.put_row(place, row, out)?))
+    }
+
+    fn put_row(&mut self, place: u64, row: &[u8], out: &mut Spool) -> Result<u64> {
+        if self.repeated.contains(place) {
+            return Ok(0);
+        }
         let mut own = Vec::new();
-        while let Some(record) = hits.next().filter(|record| record[0] <= place) {
-            if record[0] == place {
-                own.push(Hit::of(record));
+        if let Some(hits) = &mut self.splits {
+            while let Some(record) = hits.next().filter(|record| record[0] <= place) {
+                if record[0] == place {
+                    own.push(Hit::of(record));
+                }
+                hits.pass()?;
             }
-            hits.pass()?;
         }
         if own.is_empty() {
             out.write(row)?;
@@ -91,17 +107,6 @@ impl<'a> Edits<'a> {
         }
         self.n_split += 1;
         self.put_split(row, &own, out)
-    }
-
-    fn begin(&mut self) -> Result<()> {
-        self.n_split = 0;
-        if let Some(hits) = &mut self.splits {
-            hits.restart()?;
-        }
-        if let Some(Repeated { shared, .. }) = self.repeated.take() {
-            self.drop_repeated(shared);
-        }
-        Ok(())
     }
 
     fn put_split(&self, row: &[u8], hits: &[Hit], out: &mut Spool) -> Result<u64> {
@@ -169,30 +174,6 @@ impl<'a> Edits<'a> {
         Ok(faces.len() as u64)
     }
 
-    /// All faces, without those that repeat others.
-    pub fn finish(&mut self, faces: FaceRows) -> Result<FaceRows> {
-        let Some(Repeated { finder, shared }) = self.repeated.take() else { return Ok(faces) };
-        let found = finder.finish()?;
-        self.n_repeated = found.count();
-        if self.n_repeated == 0 {
-            return Ok(faces);
-        }
-        let empty = DuplicateFinder::new(&self.options.temp_dir, 0);
-        let repeated = Repeated { finder: empty, shared };
-        let (mut out, mut place) = (self.options.spool(), 0);
-        each_row(&faces.rows, 0..faces.rows.len(), self.layout, |row| {
-            if repeated.may_be(row) {
-                place += 1;
-                if found.contains(place - 1) {
-                    return Ok(());
-                }
-            }
-            out.write(row)
-        })?;
-        let rows = out.finish(faces.rows.path())?;
-        Ok(FaceRows { rows, n_faces: faces.n_faces - self.n_repeated, ..faces })
-    }
-
     /// Lines on what was done, and on what was left.
     pub fn notes(&self, overlap: Overlap) -> Vec<String> {
         let mut lines = Vec::new();
@@ -202,8 +183,8 @@ impl<'a> Edits<'a> {
                 "{n} triangles were split where vertices of another file lie on their edges"
             ));
         }
-        if self.n_repeated > 0 {
-            let n = show_count(self.n_repeated);
+        if self.repeated.count() > 0 {
+            let n = show_count(self.repeated.count());
             lines.push(format!("files overlap: {n} triangles that several hold were taken once"));
         }
         if let Overlap::Other { n_inside, n_border } = overlap {

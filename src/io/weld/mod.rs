@@ -8,8 +8,8 @@
 
 mod edits;
 mod neighbours;
-mod numbers;
 mod overlaps;
+mod rest;
 mod rewrite;
 mod splits;
 mod survey;

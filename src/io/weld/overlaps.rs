@@ -61,10 +61,11 @@ pub(super) fn pairs(
     if n_inside < FEWEST.max((FEW * n_border as f64) as u64) || found.distance <= 0.0 {
         return Ok(JoinedPairs { pairs, overlap: Overlap::None, alone });
     }
-    let mut regions = vec![Vec::new(); boxes.len()];
+    let region = |own: &Bounds| OverlapRegion { free: *own, others: Vec::new() };
+    let mut regions: Vec<OverlapRegion> = boxes.iter().map(region).collect();
     for (p, q) in partners {
-        regions[p].push(boxes[q]);
-        regions[q].push(boxes[p]);
+        regions[p].add(boxes[q]);
+        regions[q].add(boxes[p]);
     }
     let (wider, joined) = self::joined(source, borders, found, &regions, options)?;
     let (mut ids, mut joined) = (NumberRecords::<1>::new(ids)?, NumberRecords::<1>::new(joined)?);
@@ -104,7 +105,7 @@ fn joined(
     source: &MeshSource,
     borders: &OpenBorders,
     found: &Found,
-    regions: &[Vec<Bounds>],
+    regions: &[OverlapRegion],
     options: &StageOptions,
 ) -> Result<(Pairs, RawFile)> {
     let memory_bytes = (options.memory_bytes / 3) as usize;
@@ -130,11 +131,47 @@ fn joined(
     Ok((pairs, out.finish(source.path())?))
 }
 
+/// Boxes of other parts, in which vertices of a part are looked for.
+struct OverlapRegion {
+    /// The room in the part's box that meets none of them within its walls: most vertices lie there.
+    free: Bounds,
+    others: Vec<Bounds>,
+}
+
+impl OverlapRegion {
+    fn add(&mut self, other: Bounds) {
+        self.others.push(other);
+        let Bounds { low, high } = self.free;
+        if (0..3).any(|axis| other.high[axis] <= low[axis] || high[axis] <= other.low[axis]) {
+            return;
+        }
+        // Cut off where least is lost, on one of six sides.
+        let (mut most, mut free) = (f64::NEG_INFINITY, self.free);
+        for axis in 0..3 {
+            let (mut below, mut above) = (self.free, self.free);
+            (below.high[axis], above.low[axis]) = (other.low[axis], other.high[axis]);
+            for side in [below, above] {
+                let share = (side.high[axis] - side.low[axis]) / (high[axis] - low[axis]);
+                if share > most {
+                    (most, free) = (share, side);
+                }
+            }
+        }
+        self.free = free;
+    }
+
+    fn holds(&self, place: Vec3) -> bool {
+        let Bounds { low, high } = &self.free;
+        let is_free = (0..3).all(|axis| low[axis] < place[axis] && place[axis] < high[axis]);
+        !is_free && self.others.iter().any(|other| holds(other, place))
+    }
+}
+
 /// Vertices of parts that lie in some regions.
 struct InsideOthers<'a> {
     records: VertexRecords<'a>,
     /// Of each part; empty if there are none at all.
-    regions: &'a [Vec<Bounds>],
+    regions: &'a [OverlapRegion],
     ends: Vec<u64>,
     part: usize,
 }
@@ -147,12 +184,12 @@ impl InsideOthers<'_> {
             while self.ends[self.part] <= v {
                 self.part += 1;
             }
-            if self.regions[self.part].is_empty() {
+            if self.regions[self.part].others.is_empty() {
                 v = self.ends[self.part];
                 continue;
             }
             let place = self.records.position(v)?;
-            if self.regions[self.part].iter().any(|region| holds(region, place)) {
+            if self.regions[self.part].holds(place) {
                 neighbours.push(v | INSIDE, place)?;
             }
             v += 1;

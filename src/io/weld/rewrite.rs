@@ -6,8 +6,8 @@
 
 use super::edits::Edits;
 use super::neighbours::{ITSELF_LAST, Neighbours, Pairs};
-use super::numbers::{Numbers, Rest};
 use super::overlaps::{self, JoinedPairs, Overlap};
+use super::rest::Rest;
 use super::splits;
 use super::survey::{Found, each_position};
 use crate::borders::OpenBorders;
@@ -16,7 +16,7 @@ use crate::open_edges::each_open;
 use crate::open_options::{StageOptions, Weld, WeldOptions};
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::{MeshSource, OutputHeader, VertexRecords, WeldReport};
-use crate::restaged::{face_rows_with, restage};
+use crate::restaged::{FewRows, Numbers, face_rows_with, restage};
 use stonecut_mesh::codec::{ChannelKind, VertexCodec};
 use stonecut_mesh::vec3::Vec3;
 use stonecut_system::error::{Error, Result};
@@ -78,25 +78,22 @@ fn join_records<const N: usize>(
         vertices(&source, (by_first, all), how, memory_bytes, options)?;
     // Refuses numbers of more than 32 bits.
     OutputHeader::new(source.schema().clone(), n_vertices, 0).index_type()?;
-    let mut numbers = Numbers::new(numbers);
-    let mut edits = Edits::new(&source, options);
+    let mut edits = Edits::new(&source);
     match (borders, overlap) {
-        (Some(_), Overlap::Copies) => edits.drop_repeated(shared),
+        (Some(_), Overlap::Copies) => edits.drop_repeated(&source, (&numbers, &shared), options)?,
         (Some(borders), _) => {
             edits.split(splits::find(
                 &source,
                 borders,
-                &mut numbers,
+                &mut Numbers::new(&numbers),
                 found.split_distance,
                 options,
             )?);
         }
         (None, _) => {}
     }
-    let number = |v: u64| numbers.get(v);
-    let put = |place, row: &mut Vec<u8>, out: &mut Spool| edits.put(place, row, out);
-    let rows = face_rows_with(&source, number, options, put)?;
-    let Some(faces) = rows.map(|rows| edits.finish(rows)).transpose()? else {
+    let put = |place, rows: FewRows, out: &mut Spool| edits.put(place, rows, out);
+    let Some(faces) = face_rows_with(&source, Some(&numbers), options, put)? else {
         return match how.how {
             Weld::Auto => Ok(source),
             _ => Err(Error::bad_input(
@@ -122,7 +119,7 @@ fn join_records<const N: usize>(
     let schema = source.schema().clone();
     restage(source, schema, (n_vertices, vertices), faces, options, |staged| {
         staged.weld = Some(report);
-        staged.numbers = how.keeps_numbers.then(|| numbers.into_file());
+        staged.numbers = how.keeps_numbers.then_some(numbers);
     })
 }
 

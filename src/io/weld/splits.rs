@@ -3,13 +3,13 @@
 //! Looks at edges that are still open once vertices are joined, and at their ends. Edges go into all cubes of a grid that they
 //! pass, vertices into their own.
 
-use super::numbers::Numbers;
 use crate::borders::OpenBorders;
 use crate::external_sort::{halves, whole};
 use crate::open_options::StageOptions;
 use crate::ply::MeshSource;
 use crate::ply::raw::RawFile;
 use crate::records::NumberRecords;
+use crate::restaged::Numbers;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::vec3::{Vec3, add, dot, length_sq, scale, sub};
 use stonecut_system::error::Result;

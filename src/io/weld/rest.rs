@@ -1,6 +1,5 @@
-//! Vertices that are joined with none, copied as they are, and the new numbers of all.
+//! Vertices that are joined with none, copied as they are.
 
-use crate::ply::lookup::PagedRows;
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::{BLOCK_ROWS, MeshSource, VertexRecords};
 use crate::records::NumberRecords;
@@ -47,31 +46,5 @@ impl<'a> Rest<'a> {
             self.next = stop;
         }
         Ok(n)
-    }
-}
-
-/// New numbers of vertices, some pages of which are in memory.
-pub(super) struct Numbers {
-    file: RawFile,
-    rows: PagedRows,
-}
-
-impl Numbers {
-    /// Pages kept: 4 MiB in all.
-    const PAGES: usize = 1024;
-
-    pub fn new(file: RawFile) -> Numbers {
-        Numbers { file, rows: PagedRows::new(0, 4, Self::PAGES) }
-    }
-
-    /// The numbers as they were given.
-    pub fn into_file(self) -> RawFile {
-        self.file
-    }
-
-    #[inline]
-    pub fn get(&mut self, v: u64) -> Result<u32> {
-        let row = self.rows.get(&self.file, v)?;
-        Ok(u32::from_le_bytes(row.try_into().expect("4 bytes")))
     }
 }
