@@ -7,6 +7,7 @@
 //! the two meshes, the images and the options: not on threads, memory or the order of work. Does not write meshes.
 
 mod candidates;
+mod cells;
 mod charts;
 mod density;
 mod directions;
@@ -34,6 +35,7 @@ mod texels;
 mod tiles;
 mod vertex_colours;
 
+pub use cells::{PagedTile, surface};
 use charts::Charts;
 use directions::STRAIGHT_PIXEL;
 use nearest::CellCache;
@@ -53,7 +55,7 @@ use stonecut_io::materials::MapKind;
 use stonecut_io::ply::MeshSource;
 use stonecut_measure::load;
 use stonecut_mesh::Mesh;
-pub use stonecut_render::texture::{BasisCoding, Finish, WantedMaps};
+pub use stonecut_render::texture::{BasisCoding, Finish, ImageFaults, WantedMaps};
 use stonecut_render::texture::{ImageCache, SEEN, SURFACE};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::memory::BASE_BYTES;

@@ -49,7 +49,7 @@ const SORT_RUN_BYTES: u64 = 20;
 const STAGED_IN_MEMORY: u64 = 16 << 20;
 
 /// Bytes of a triangle of the original in a cell with its tree, about.
-const CELL_BYTES: u64 = 260;
+pub(super) const CELL_BYTES: u64 = 260;
 
 /// Bytes of the points of a batch where all cells and images stay in memory.
 const BATCH_BYTES: u64 = 64 << 20;

@@ -2,6 +2,7 @@
 //!
 //! Finding the nearest place is in `nearest`.
 
+use super::cells::{Numbers, OriginalCells, PagedTile};
 use super::density::{Densities, Density, ImageDensities};
 use super::normals::{Border, Normals, border_sums, corner_tangents, mean_tangent};
 use super::settings::{Means, NormalSource, Options};
@@ -17,12 +18,10 @@ use stonecut_measure::{Carried, ColourChannels};
 use stonecut_mesh::Mesh;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::face_properties::FacePolicy;
-use stonecut_mesh::property::{Origin, Scalar, read_scalar};
-use stonecut_mesh::record::VertexSchema;
+use stonecut_mesh::property::read_scalar;
 use stonecut_mesh::vec3::dot;
 use stonecut_render::texture::{Palette, Tangent};
-use stonecut_store::cell_id::CellId;
-use stonecut_store::cells::{CellMesh, load_bytes};
+use stonecut_store::cells::CellMesh;
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Ledger, Loss, LossKind};
 use stonecut_system::parallel::{Weighted, largest_first};
@@ -32,8 +31,9 @@ use stonecut_system::progress::Progress;
 const NONE: u32 = u32::MAX;
 /// The original in cells.
 pub(super) struct Original {
-    scratch: Scratch,
-    numbers: Numbers,
+    cells: OriginalCells,
+    /// Diagonal of the box of all.
+    diagonal: f64,
     colours: Option<ColourChannels>,
     /// For each material true if an image stands for the colours of vertices.
     has_image: Vec<bool>,
@@ -55,21 +55,6 @@ pub(super) struct Original {
     pub tints_images: bool,
     /// True if images are seen through the colours of vertices, as glTF has it; otherwise they hide these.
     pub is_seen_through: bool,
-}
-
-/// Numbers of materials.
-#[derive(Clone, Copy)]
-enum Numbers {
-    /// The same for all.
-    Same(u32),
-    /// At a byte of vertex records.
-    At(Scalar, usize),
-}
-
-impl Numbers {
-    fn of(value: f64) -> u32 {
-        if (0.0..f64::from(NONE)).contains(&value) { value as u32 } else { NONE }
-    }
 }
 
 /// A place on the original.
@@ -185,7 +170,7 @@ impl Original {
             Some(number) if number.how == FacePolicy::Constant => {
                 Numbers::Same(Numbers::of(read_scalar(number.property.scalar, &number.constant, 0)))
             }
-            Some(_) => find_numbers(&schema),
+            Some(_) => Numbers::find(&schema),
             None => Numbers::Same(0),
         };
         let cutting = Cutting {
@@ -196,18 +181,40 @@ impl Original {
             disk: Some(means.disk),
         };
         let scratch = Scratch::cut(&source, cutting, means.progress)?;
+        let n_cells = scratch.store().n_cells();
         let mut original = Original {
-            scratch,
-            numbers,
+            diagonal: scratch.partition().bounds.diagonal(),
+            boxes: vec![Bounds::EMPTY; n_cells],
             colours,
             has_image: palette.paints.iter().map(|paint| paint.base.is_some()).collect(),
-            texture,
             normals: match (options.normals, carried.and_then(|carried| carried.normal)) {
                 (false, _) => Normals::None,
                 (true, Some(channels)) => Normals::Own(channels),
                 (true, None) => Normals::Computed(Border::default()),
             },
             has_frames: options.normals && palette.has_normal_maps(),
+            is_seen_through,
+            ..Original::of(OriginalCells::Cut(Box::new(scratch), numbers), texture)
+        };
+        original.survey(palette, means)?;
+        Ok(original)
+    }
+
+    /// Finer tiles with their pages; the cells are the tiles.
+    pub fn of_tiles(tiles: Vec<PagedTile>) -> Original {
+        let boxes = tiles.iter().map(|tile| tile.bounds).collect();
+        Original { boxes, ..Original::of(OriginalCells::Tiles(tiles), Some([0, 1])) }
+    }
+
+    fn of(cells: OriginalCells, texture: Option<[usize; 2]>) -> Original {
+        Original {
+            cells,
+            diagonal: f64::NAN,
+            colours: None,
+            has_image: Vec::new(),
+            texture,
+            normals: Normals::None,
+            has_frames: false,
             boxes: Vec::new(),
             area: 0.0,
             n_triangles: 0,
@@ -215,10 +222,8 @@ impl Original {
             of_images: ImageDensities::default(),
             n_lost: 0,
             tints_images: false,
-            is_seen_through,
-        };
-        original.survey(palette, means)?;
-        Ok(original)
+            is_seen_through: false,
+        }
     }
 
     /// Looks at every cell once.
@@ -233,8 +238,7 @@ impl Original {
             tints: bool,
             border: Vec<([u64; 3], [i64; 3])>,
         }
-        let n_cells = self.scratch.store().n_cells();
-        let diagonal = self.scratch.partition().bounds.diagonal();
+        let (n_cells, diagonal) = (self.boxes.len(), self.diagonal);
         let area_sum = || Sum::new(diagonal * diagonal);
         let look = Mutex::new(Look {
             boxes: vec![Bounds::EMPTY; n_cells],
@@ -248,9 +252,9 @@ impl Original {
         });
         let is_computed = matches!(self.normals, Normals::Computed(_));
         let jobs = (0..n_cells).map(|item| Weighted { item, bytes: self.bytes(item) }).collect();
-        let soon = |cell: usize| self.scratch.store().expect(CellId::at(cell));
+        let soon = |cell: usize| self.cells.expect(cell);
         largest_first(jobs, means.threads, means.memory_bytes, means.progress, soon, |number| {
-            let (cell, material) = self.load_mesh(number)?;
+            let (cell, material) = self.cells.load(number)?;
             let border =
                 if is_computed { border_sums(&cell.mesh, &cell.shared) } else { Vec::new() };
             let mesh = cell.mesh;
@@ -305,8 +309,7 @@ impl Original {
     pub fn density(&self, options: &Options) -> Density {
         let of_images = self.density_of_images();
         let side = (2.0 * self.area / self.n_triangles.max(1) as f64).sqrt();
-        let extent = self.scratch.partition().bounds.diagonal();
-        let most = f64::from(options.page_size) / extent * 1e4;
+        let most = f64::from(options.page_size) / self.diagonal * 1e4;
         let wanted = of_images.unwrap_or(2.0 / side).min(most);
         let is_usable = wanted.is_finite() && wanted > 0.0;
         Density { wanted: if is_usable { wanted } else { most.min(1e30) }, of_images }
@@ -345,33 +348,16 @@ impl Original {
 
     /// Bytes of a cell in memory with its tree.
     pub fn bytes(&self, cell: usize) -> u64 {
-        let store = self.scratch.store();
-        let tally = store.info().cells[cell];
-        load_bytes(tally, store.layout())
-            + Tree::bytes(tally.triangles)
-            + 8 * tally.triangles
-            + self.normals.vertex_bytes() * tally.vertices
-            + if self.has_frames { super::need::FRAME_WORK_BYTES * tally.triangles } else { 0 }
-    }
-
-    /// A cell without its records, and the materials of its triangles.
-    fn load_mesh(&self, cell: usize) -> Result<(CellMesh, Vec<u32>)> {
-        let store = self.scratch.store();
-        let mut loaded = store.load(CellId::at(cell))?;
-        let record_bytes = store.layout().schema.record_bytes();
-        let number = |t: &[u32; 3]| match self.numbers {
-            Numbers::Same(number) => number,
-            Numbers::At(scalar, at) => {
-                Numbers::of(read_scalar(scalar, &loaded.records, t[0] as usize * record_bytes + at))
-            }
-        };
-        let material = loaded.mesh.triangles.iter().map(number).collect();
-        loaded.records = Vec::new();
-        Ok((loaded, material))
+        let (bytes, [triangles, vertices]) = self.cells.size(cell);
+        bytes
+            + Tree::bytes(triangles)
+            + 8 * triangles
+            + self.normals.vertex_bytes() * vertices
+            + if self.has_frames { super::need::FRAME_WORK_BYTES * triangles } else { 0 }
     }
 
     pub fn load(&self, cell: usize, progress: &Progress) -> Result<Cell> {
-        let (CellMesh { mesh, shared, .. }, material) = self.load_mesh(cell)?;
+        let (CellMesh { mesh, shared, .. }, material) = self.cells.load(cell)?;
         let normals = self.normals.of_cell(&mesh, &shared);
         let tangents = match (self.has_frames, self.texture) {
             (true, Some(texture)) => corner_tangents(&mesh, &self.normals, &normals, texture),
@@ -485,16 +471,4 @@ impl Original {
     pub fn has_looks(&self) -> bool {
         self.has_colours() || self.texture.is_some()
     }
-}
-
-/// Place of the number of the material in records.
-fn find_numbers(schema: &VertexSchema) -> Numbers {
-    let mut at = schema.position_bytes();
-    for property in &schema.properties {
-        if property.name == NUMBER && property.origin == Origin::FaceLabel {
-            return Numbers::At(property.scalar, at);
-        }
-        at += property.scalar.bytes();
-    }
-    Numbers::Same(0)
 }

@@ -176,7 +176,7 @@ impl<'a> Surface<'a> {
         let mut out =
             Charts { chart: vec![NONE; n], flat: vec![[[0.0; 2]; 3]; n], boxes: Vec::new() };
         // The chart that was last at each point of a direction's picture.
-        let mut taken = Taken::default();
+        let mut taken = TakenPoints::default();
         let mut open: Vec<u32> = Vec::new();
         for &(seed, direction) in &self.seeds {
             if out.chart[seed as usize] != NONE {
@@ -224,8 +224,15 @@ impl<'a> Surface<'a> {
     }
 }
 
-/// The chart that was last at points, by both coordinates.
-type Taken = HashMap<u64, u32, BuildHasherDefault<PointHasher>>;
+/// The chart that was last at points, in squares of 8 by 8.
+#[derive(Default)]
+struct TakenPoints {
+    /// Numbers of squares by both coordinates.
+    squares: HashMap<u64, u32, BuildHasherDefault<PointHasher>>,
+    charts: Vec<u32>,
+    /// The points of a triangle, as places in `charts`.
+    points: Vec<u32>,
+}
 
 /// Mixes the coordinates of a point; the standard hash costs as much as the rest of a chart.
 #[derive(Default)]
@@ -247,13 +254,23 @@ impl Hasher for PointHasher {
 }
 
 /// Takes the points of a triangle for a chart; false, and nothing is taken, if one belongs to it already.
-fn claim(flat: &[[f64; 2]; 3], chart: u32, taken: &mut Taken) -> bool {
-    let mut points: Vec<u64> = Vec::new();
-    each_point(flat, 1, 0..u32::MAX, |x, y, _| points.push((x as u64) << 32 | y as u64));
-    if points.iter().any(|point| taken.get(point) == Some(&chart)) {
+fn claim(flat: &[[f64; 2]; 3], chart: u32, taken: &mut TakenPoints) -> bool {
+    let TakenPoints { squares, charts, points } = taken;
+    points.clear();
+    let mut last = (u64::MAX, 0);
+    each_point(flat, 1, 0..u32::MAX, |x, y, _| {
+        let (x, y) = (x as u64, y as u64);
+        let key = x >> 3 << 32 | y >> 3;
+        if key != last.0 {
+            last = (key, *squares.entry(key).or_insert(charts.len() as u32));
+            charts.resize(charts.len().max(last.1 as usize + 64), NONE);
+        }
+        points.push(last.1 + (8 * (y & 7) + (x & 7)) as u32);
+    });
+    if points.iter().any(|&at| charts[at as usize] == chart) {
         return false;
     }
-    taken.extend(points.into_iter().map(|point| (point, chart)));
+    points.iter().for_each(|&at| charts[at as usize] = chart);
     true
 }
 

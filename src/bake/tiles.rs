@@ -1,8 +1,9 @@
 //! Pages of tiles: charts by projection, texels from the nearest places of the input, an image in memory for each tile.
 //!
-//! The input is staged once for all tiles. Tiles are given some at a time; what they get depends neither on what is given
+//! The input is staged once for the finest tiles; coarser ones are filled from the pages of finer ones. Tiles are given some at a time; what they get depends neither on what is given
 //! together with them but for opacity, which decides between JPEG and PNG, nor on memory or threads. Writes no tiles.
 
+use super::cells::{self, PagedTile};
 use super::charts::Charts;
 use super::nearest::CellCache;
 use super::need::{
@@ -21,7 +22,7 @@ use stonecut_io::ply::MeshSource;
 use stonecut_mesh::Mesh;
 use stonecut_mesh::oklab::linear_of_srgb;
 use stonecut_render::texture::{
-    BasisCoding, Finish, ImageCache, Palette, Purpose, SEEN, WantedMaps,
+    BasisCoding, Finish, ImageCache, ImageFaults, Palette, Purpose, SEEN, WantedMaps,
 };
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Ledger, Loss, LossKind};
@@ -202,11 +203,15 @@ impl Photographs {
 
     /// A painter of tiles, with caches for cells and images.
     pub fn painter<'a>(&'a self, coding: Option<BasisCoding>, means: Means<'a>) -> TilePainter<'a> {
+        let shares = self.free_bytes / IMAGE_SHARE + self.free_bytes / CELL_SHARE;
+        // Pages of finer tiles may be larger than the input's images; cells give way to them.
+        let for_images = (self.free_bytes / IMAGE_SHARE).max(self.palette.largest_bytes());
         TilePainter {
             coding,
             from: self,
-            images: ImageCache::new(&self.palette, self.free_bytes / IMAGE_SHARE),
-            cells: CellCache::new(self.free_bytes / CELL_SHARE),
+            looks: &self.palette,
+            images: ImageCache::new(&self.palette, for_images),
+            cells: CellCache::new(shares.saturating_sub(for_images)),
             means,
         }
     }
@@ -217,12 +222,30 @@ pub struct TilePainter<'a> {
     /// Of KTX2 files, instead of JPEG and PNG.
     coding: Option<BasisCoding>,
     from: &'a Photographs,
+    /// Materials of the input.
+    looks: &'a Palette,
     images: ImageCache<'a>,
     cells: CellCache,
     means: Means<'a>,
 }
 
 impl TilePainter<'_> {
+    /// Gives up cells and images: coarser levels need their memory.
+    pub fn clear(&mut self) {
+        self.cells = CellCache::new(self.from.free_bytes / CELL_SHARE);
+        self.images.clear();
+    }
+
+    /// Faults of the input's images up to now.
+    pub fn faults(&self) -> ImageFaults {
+        self.images.faults()
+    }
+
+    /// Goes on where another run has stopped.
+    pub fn resume(&mut self, faults: ImageFaults) {
+        self.images.resume(faults);
+    }
+
     /// Missing, damaged and lost parts up to now.
     pub fn losses(&self) -> Ledger {
         let mut losses = self.from.original.losses(&self.from.palette);
@@ -237,6 +260,28 @@ impl TilePainter<'_> {
             });
         }
         losses
+    }
+
+    /// Makes a page for each tile, of `texels_per_unit` or less, out of those of finer tiles, without a look at the input.
+    ///
+    /// `finer` are all tiles on which a nearest place may be.
+    pub fn paint_from(
+        &self,
+        finer: Vec<PagedTile>,
+        tiles: &[Mesh],
+        texels_per_unit: f64,
+    ) -> Result<Vec<TilePicture>> {
+        let palette = cells::palette(&finer);
+        let original = Original::of_tiles(finer);
+        let Photographs { free_bytes, texels_per_unit: finest, .. } = *self.from;
+        let from = Photographs { original, palette, free_bytes, texels_per_unit: finest };
+        let mut painter =
+            TilePainter { looks: self.looks, ..from.painter(self.coding, self.means) };
+        let pictures = painter.paint(tiles, (texels_per_unit, 2), None)?;
+        match painter.losses().lines().into_iter().next() {
+            None => Ok(pictures),
+            Some(line) => Err(Error::corrupt(self.means.temp_dir, line)),
+        }
     }
 
     /// Makes a page for each tile, of `texels_per_unit` or less, with `side` x `side` looks into images a texel.
@@ -288,12 +333,12 @@ impl TilePainter<'_> {
         let seen = texels::fill(&scene, &mut self.cells, &mut canvases)?;
         drop((charts, mesh));
         canvases.count();
-        let is_photographic = self.from.palette.is_photographic(&SEEN) && !seen.has_alpha;
+        let is_photographic = self.looks.is_photographic(&SEEN) && !seen.has_alpha;
         let kind = PageKind::of_colours(self.coding, is_photographic);
         let largest = pages.iter().map(|page| u64::from(page.size[0]) * u64::from(page.size[1]));
         let coders = Means { memory_bytes: self.from.free_bytes / IMAGE_SHARE, ..self.means };
         let coders = coders.coding(self.coding, largest.max().unwrap_or(0));
-        let finish = self.from.palette.finish(seen.has_alpha);
+        let finish = self.looks.finish(seen.has_alpha);
         let mut out = Vec::with_capacity(pages.len());
         let canvas = &canvases.colours;
         in_order(

@@ -161,6 +161,10 @@ fn a_run_over_images_that_stopped_anywhere_is_continued_to_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     painted(folder.path(), 100);
     expect(folder.path(), "convert in.obj in.ply", 0);
+    // The faults of an image are named, wherever the run was stopped.
+    let ramp = folder.path().join("ramp.png");
+    let bytes = std::fs::read(&ramp).unwrap();
+    std::fs::write(&ramp, &bytes[..bytes.len() / 2]).unwrap();
     for texture in [TileTexture::Bake, TileTexture::Colors] {
         stopped_anywhere(&folder, |folder, name| TilesConfig { texture, ..config(folder, name) });
         std::fs::remove_dir_all(folder.path().join("whole")).unwrap();
@@ -177,7 +181,7 @@ fn a_run_to_a_coarser_finest_level_that_stopped_anywhere_is_continued_to_the_sam
 
 fn stopped_anywhere(folder: &tempfile::TempDir, config: impl Fn(&Path, &str) -> TilesConfig) {
     let disk = Disk::default();
-    make(&disk, &config(folder.path(), "whole")).unwrap();
+    let losses = make(&disk, &config(folder.path(), "whole")).unwrap().losses;
     let whole = files(&folder.path().join("whole"));
     let n = disk.changes();
     assert!(n > 60, "{n} changes");
@@ -191,9 +195,12 @@ fn stopped_anywhere(folder: &tempfile::TempDir, config: impl Fn(&Path, &str) -> 
             assert!(files(&config.output) == whole, "{i}");
             std::fs::remove_dir_all(&config.output).unwrap();
         }
-        if let Err(e) = make(&Disk::default(), &config) {
-            let ls = std::process::Command::new("find").arg(folder.path()).output().unwrap();
-            panic!("{i} of {n}: {e} {}", String::from_utf8_lossy(&ls.stdout));
+        match make(&Disk::default(), &config) {
+            Ok(report) => assert_eq!(report.losses, losses, "stopped at change {}", 1 + i * n / 11),
+            Err(e) => {
+                let ls = std::process::Command::new("find").arg(folder.path()).output().unwrap();
+                panic!("{i} of {n}: {e} {}", String::from_utf8_lossy(&ls.stdout));
+            }
         }
         assert!(files(&config.output) == whole, "stopped at change {}", 1 + i * n / 11);
         std::fs::remove_dir_all(&config.output).unwrap();

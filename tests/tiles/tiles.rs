@@ -199,9 +199,8 @@ pub fn config(folder: &Path, output: &str) -> TilesConfig {
     }
 }
 
-pub fn make(disk: &Disk, config: &TilesConfig) -> stonecut::Result<()> {
-    let prepared = prepare_tiles(config)?;
-    make_tiles_on(disk, prepared, config, &Progress::default()).map(|_| ())
+pub fn make(disk: &Disk, config: &TilesConfig) -> stonecut::Result<TilesReport> {
+    make_tiles_on(disk, prepare_tiles(config)?, config, &Progress::default())
 }
 
 /// A wavy sheet of `n` by `n` squares with two images: red to blue, and green.

@@ -115,7 +115,8 @@ pub struct MapPlace {
 /// Tiling of an image that ends at its border, as glTF numbers it.
 pub(crate) const CLAMP_TO_EDGE: u32 = 33071;
 
-const CLAMPED: [u32; 2] = [CLAMP_TO_EDGE; 2];
+/// The same along u and v.
+pub const CLAMPED: [u32; 2] = [CLAMP_TO_EDGE; 2];
 
 impl Map {
     /// An image that repeats, with options of a material library.

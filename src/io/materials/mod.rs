@@ -13,8 +13,8 @@ mod plan;
 mod search;
 
 pub(crate) use description::CLAMP_TO_EDGE;
-pub use description::NUMBER;
 pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
+pub use description::{CLAMPED, NUMBER};
 pub use images::{copy_bytes, image_size, look as look_at_image};
 pub use losses::{BARE_FACES, BARE_REASON, EMITTED, besides_pages};
 pub use mtl::{after_word, read_library, settle_images};

@@ -27,6 +27,8 @@ pub struct RawFile {
 
 enum Data {
     File(File),
+    /// A file that is opened whenever it is read.
+    Closed,
     Memory(Vec<u8>),
     /// Files one behind the other, each with its first byte.
     Chain(Vec<(u64, RawFile)>),
@@ -66,6 +68,12 @@ impl RawFile {
             is_original: true,
             _account: None,
         })
+    }
+
+    /// A file of `len` bytes that is opened whenever it is read: one of thousands.
+    pub fn closed(path: &Path, len: u64) -> Self {
+        let path = path.to_path_buf();
+        RawFile { path, data: Data::Closed, len, ..RawFile::from_bytes("", Vec::new()) }
     }
 
     /// The same file from a byte on, as if it was all there is: a mesh inside of another file.
@@ -171,6 +179,7 @@ impl RawFile {
                 buffer[..n].copy_from_slice(&bytes[start..start + n]);
                 Ok(n)
             }
+            Data::Closed => RawFile::open(&self.path)?.read_at_most(buffer, offset),
             Data::Chain(files) => {
                 let mut filled = 0;
                 let mut i = files.partition_point(|(first, _)| *first <= offset).saturating_sub(1);

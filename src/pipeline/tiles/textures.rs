@@ -2,7 +2,8 @@
 //!
 //! The rounds have written shapes, which know nothing of the input's charts. Here the input is staged with its images, and
 //! the tiles of one group after the other get charts, a page of the density of their level, and their final
-//! file. What is durable is recorded from time to time, so a run that was stopped goes on behind it.
+//! file; those of coarse levels out of the tiles of the level below. What is durable is recorded from time to time, so a run
+//! that was stopped goes on behind it.
 //!
 //! docs/design/tiles.md, "Textures".
 
@@ -10,14 +11,15 @@ use super::config::Finest;
 use super::pending::{self, SHAPES};
 use super::report::PagesReport;
 use super::rounds::Stages;
-use crate::bake::{Photographs, TilePainter, TilePicture};
+use crate::bake::{ImageFaults, PagedTile, Photographs, TilePainter, TilePicture, surface};
 use crate::error::Result;
 use crate::io::ply::MeshSource;
 use crate::io::tileset::encode_borders;
 use crate::io::{StageOptions, TileScalar};
 use crate::mesh::Mesh;
+use crate::mesh::bounds::Bounds;
 use crate::stages::tiles::{
-    Places, Shape, border_name, encode_with_page, put_file, read_shapes, tile_path,
+    Places, border_name, encode_with_page, put_file, read_shapes, tile_path,
 };
 use crate::store::cell_id::CellId;
 use crate::store::cells::{GroupRecord, TileRecord};
@@ -31,14 +33,18 @@ use std::path::Path;
 use std::time::Instant;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Record of the cells whose tiles are durable.
-const SO_FAR: &str = "tiles with pages";
+/// Record of the cells whose tiles are durable, and of the faults of images up to there.
+const SO_FAR: &str = "tiles with pages, and faults";
+
+/// Steps of a level from the tiles of a group within which tiles of the level below may be nearest: a quarter of a box.
+const NEAR_STEPS: f64 = 4096.0;
 
 /// The tiles of one cell of a round.
 struct Unit {
     level: u32,
     cell: CellId,
-    n_tiles: usize,
+    /// Boxes of its tiles' triangles in the frame of the input, and their numbers.
+    tiles: Vec<(Bounds, u64)>,
     /// Tiles of the tree before it.
     before: u32,
 }
@@ -84,7 +90,7 @@ pub(super) fn paint(
     (rounds, top): (&mut [Vec<GroupRecord>], &mut TileRecord),
     frame: Frame,
 ) -> Result<PagesReport> {
-    let units = units(rounds);
+    let units = units(rounds, top, frame.origin);
     let all = rounds.iter().flatten().flat_map(|record| &record.tiles);
     let n_triangles = all.map(|tile| tile.triangles).sum::<u64>() + top.triangles;
     let largest = rounds.iter().flatten().map(|record| record.triangles[0]).max().unwrap_or(0);
@@ -159,24 +165,31 @@ pub(super) fn paint(
 }
 
 /// All cells with tiles, level by level, the top last.
-fn units(rounds: &[Vec<GroupRecord>]) -> Vec<Unit> {
+fn units(rounds: &[Vec<GroupRecord>], top: &TileRecord, origin: [f64; 3]) -> Vec<Unit> {
+    let tiles = |records: &[TileRecord]| {
+        let bounds = |tile: &TileRecord| {
+            let of_origin = Bounds { low: tile.low, high: tile.high };
+            of_origin.map(|at| [0, 1, 2].map(|k| origin[k] + at[k]))
+        };
+        records.iter().map(|tile| (bounds(tile), tile.triangles)).collect()
+    };
     let mut units = Vec::new();
     let mut before = 0;
     for (level, round) in (0u32..).zip(rounds) {
         for (cell, record) in CellId::first(round.len()).zip(round) {
-            let n_tiles = record.tiles.len();
-            units.push(Unit { level, cell, n_tiles, before });
-            before += n_tiles as u32;
+            units.push(Unit { level, cell, tiles: tiles(&record.tiles), before });
+            before += record.tiles.len() as u32;
         }
     }
-    units.push(Unit { level: rounds.len() as u32, cell: CellId(0), n_tiles: 1, before });
+    let (level, tiles) = (rounds.len() as u32, tiles(std::slice::from_ref(top)));
+    units.push(Unit { level, cell: CellId(0), tiles, before });
     units
 }
 
 fn remove_shapes(disk: &crate::system::disk::Disk, pending: &Path, unit: &Unit) -> Result<()> {
     let shapes = pending.join(SHAPES);
     disk.remove(&shapes.join(border_name(unit.level, unit.cell)))?;
-    for n in 0..unit.n_tiles {
+    for n in 0..unit.tiles.len() {
         disk.remove(&shapes.join(tile_path(unit.level, unit.cell, n)))?;
     }
     Ok(())
@@ -197,34 +210,73 @@ struct Work<'a> {
 impl Work<'_> {
     fn all(&mut self, units: &[Unit], every: std::time::Duration) -> Result<Vec<PaintedCell>> {
         let job = self.run.job;
-        let mut done: Vec<PaintedCell> = job.outcome(SO_FAR)?.unwrap_or_default();
+        let so_far: Option<(Vec<PaintedCell>, ImageFaults)> = job.outcome(SO_FAR)?;
+        let (mut done, faults) = so_far.unwrap_or_default();
+        self.painter.resume(faults);
         let mut last = Instant::now();
         for unit in units.iter().skip(done.len()) {
             self.run.progress.check()?;
-            done.push(self.one(unit)?);
+            if unit.level > 0 {
+                self.painter.clear();
+            }
+            done.push(self.one(unit, (units, &done))?);
             if last.elapsed() >= every {
                 self.run.disk().sync_all_below(self.folder)?;
-                job.record(SO_FAR, &done)?;
+                job.record(SO_FAR, &(&done, self.painter.faults()))?;
                 last = Instant::now();
             }
         }
         Ok(done)
     }
 
-    fn one(&mut self, unit: &Unit) -> Result<PaintedCell> {
-        let Unit { level, cell, n_tiles, before } = *unit;
+    /// Tiles of the level below that may have nearest places of those of a unit, whose level has steps of `step`.
+    fn finer(
+        &self,
+        unit: &Unit,
+        step: f64,
+        (units, done): (&[Unit], &[PaintedCell]),
+    ) -> Vec<PagedTile> {
+        let around =
+            unit.tiles.iter().fold(Bounds::EMPTY, |around, (bounds, _)| around.joined(bounds));
+        let below = || units.iter().zip(done).filter(|(below, _)| below.level + 1 == unit.level);
+        let boxes = below().flat_map(|(below, _)| &below.tiles);
+        let least_sq = boxes.map(|(own, _)| own.gap_sq(&around)).fold(f64::INFINITY, f64::min);
+        let most_sq = (NEAR_STEPS * step).powi(2).max(least_sq);
+        let mut out = Vec::new();
+        for (below, cell) in below() {
+            let tiles = below.tiles.iter().zip(&cell.tiles).enumerate();
+            for (n, (&(bounds, n_triangles), tile)) in tiles {
+                if bounds.gap_sq(&around) <= most_sq {
+                    out.push(PagedTile {
+                        path: self.folder.join(tile_path(below.level, below.cell, n)),
+                        bytes: [tile.bytes, tile.image_bytes],
+                        n_triangles,
+                        bounds,
+                        origin: self.frame.origin,
+                    });
+                }
+            }
+        }
+        out
+    }
+
+    fn one(&mut self, unit: &Unit, all: (&[Unit], &[PaintedCell])) -> Result<PaintedCell> {
+        let Unit { level, cell, before, .. } = *unit;
+        let n_tiles = unit.tiles.len();
         let scalars = self.frame.scalars;
         let shapes = read_shapes(&self.folder.join(SHAPES), (level, cell), n_tiles, scalars)?;
-        let meshes: Vec<Mesh> =
-            shapes.iter().map(|shape| mesh_of(shape, self.frame.origin)).collect();
-        // Triangles of a level are twice as long as those of the one below. Photographs are sampled as they are on the finest.
+        let origin = self.frame.origin;
+        let meshes: Vec<Mesh> = shapes.iter().map(|shape| surface(&shape.tile, origin)).collect();
+        // Triangles of a level are twice as long as those of the one below.
         let texels_per_unit = self.texels_per_unit / f64::from(level).exp2();
-        let side = if level == 0 { 1 } else { 2 };
-        // Lattices of borders are twice as wide.
         let step = shapes.iter().map(|shape| shape.tile.step).fold(0.0, f64::max);
-        let same_within = (level == 0 && self.is_finest).then_some(2.0 * step);
-        let density = (texels_per_unit, side);
-        let pictures = self.painter.paint(&meshes, density, same_within)?;
+        let pictures = if level == 0 {
+            // Lattices of borders are twice as wide.
+            let same_within = self.is_finest.then_some(2.0 * step);
+            self.painter.paint(&meshes, (texels_per_unit, 1), same_within)?
+        } else {
+            self.painter.paint_from(self.finer(unit, step, all), &meshes, texels_per_unit)?
+        };
         drop(meshes);
         let mut out = PaintedCell::default();
         let mut borders = Vec::with_capacity(n_tiles);
@@ -276,10 +328,3 @@ impl Work<'_> {
 
 /// A tile's file and its numbers.
 type Encoded = (Vec<u8>, crate::io::tileset::TileBorder);
-
-/// The surface of a tile in the frame of the input.
-fn mesh_of(shape: &Shape, origin: [f64; 3]) -> Mesh {
-    let (stored, step) = (&shape.tile.mesh, shape.tile.step);
-    let place = |p: &[i32; 3]| [0, 1, 2].map(|k| origin[k] + f64::from(p[k]) * step);
-    Mesh::new(stored.positions.iter().map(place).collect(), stored.triangles.clone())
-}

@@ -8,6 +8,7 @@ use super::light_table::{Light, LightTable, LightValues, pixel_of};
 use super::map_use::MapUse;
 use super::palette::{Palette, Picture, image_bytes};
 use image::ImageEncoder;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
 use std::sync::Arc;
@@ -295,7 +296,16 @@ struct Held {
     /// `None` for images that cannot be decoded.
     images: BTreeMap<usize, (u64, Option<Arc<Decoded>>)>,
     uses: u64,
+    faults: ImageFaults,
+}
+
+/// Outcome of all decoding.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct ImageFaults {
+    /// In words, by the number of the image.
     faults: BTreeMap<usize, String>,
+    /// True if any image could be decoded.
+    any_decoded: bool,
 }
 
 impl<'a> ImageCache<'a> {
@@ -323,12 +333,27 @@ impl<'a> ImageCache<'a> {
         }
     }
 
+    /// Gives up all decoded images.
+    pub fn clear(&self) {
+        self.held().images.clear();
+    }
+
+    /// Outcome of all decoding up to now.
+    pub fn faults(&self) -> ImageFaults {
+        self.held().faults.clone()
+    }
+
+    /// Goes on where another cache of the same images has stopped.
+    pub fn resume(&self, faults: ImageFaults) {
+        self.held().faults = faults;
+    }
+
     /// Images that could not be decoded.
     pub fn losses(&self) -> Ledger {
-        let (held, mut losses) = (self.held(), Ledger::default());
+        let (ImageFaults { faults, any_decoded }, mut losses) = (self.faults(), Ledger::default());
         // An image may be there twice, with its opacity and without.
         let mut named = BTreeSet::new();
-        for (&number, fault) in &held.faults {
+        for (&number, fault) in &faults {
             let name = self.picture(number).map_or("", |picture| &picture.name);
             let reason =
                 format!("cannot be decoded ({fault}): its material's colour stands for it");
@@ -337,7 +362,7 @@ impl<'a> ImageCache<'a> {
                 losses.lose(loss.example(name));
             }
         }
-        if !held.faults.is_empty() && held.images.values().all(|(_, image)| image.is_none()) {
+        if !faults.is_empty() && !any_decoded {
             losses.lose(all_missing(named.len()));
         }
         losses
@@ -384,9 +409,12 @@ impl<'a> ImageCache<'a> {
             let number = missing[i as usize];
             let mut held = self.held();
             let image = match decoded.take() {
-                Some(Ok(image)) => Some(Arc::new(image)),
+                Some(Ok(image)) => {
+                    held.faults.any_decoded = true;
+                    Some(Arc::new(image))
+                }
                 Some(Err(fault)) => {
-                    held.faults.insert(number, fault);
+                    held.faults.faults.insert(number, fault);
                     None
                 }
                 None => None,

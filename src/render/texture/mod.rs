@@ -25,7 +25,7 @@ pub use basis_coding::BasisCoding;
 #[cfg(not(feature = "ktx2"))]
 pub use basis_coding::ktx2_file;
 pub use frames::{Axes, FrameCorner, Tangent, outward, tangents, unpacked};
-pub use images::{Decoded, ImageCache};
+pub use images::{Decoded, ImageCache, ImageFaults};
 #[cfg(feature = "ktx2")]
 pub use ktx2_out::ktx2_file;
 pub use light_table::{Light, pixel_of};
