@@ -78,7 +78,7 @@ const HOMES: [(&str, &[&str]); 36] = [
 ];
 
 /// The rooms and files of the kernel from top to bottom; each imports only those below it.
-const KERNEL_ROOMS: [&str; 24] = [
+const KERNEL_ROOMS: [&str; 25] = [
     "tests",
     "mod",
     "stepwise",
@@ -102,6 +102,7 @@ const KERNEL_ROOMS: [&str; 24] = [
     "simd",
     "vertex",
     "options",
+    "earlier",
     "interrupt",
 ];
 

@@ -239,6 +239,7 @@ fn report(args: &Args, session: &mut Session) -> Result<Report> {
             colours: None,
             region,
             certify: args.certify.then_some(Certify { tolerance: args.tolerance, bound: None }),
+            distances_only: false,
         },
         memory_bytes,
         cell_triangles: args.cell_triangles,

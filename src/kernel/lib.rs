@@ -9,7 +9,8 @@
 //! - `schedule`: the order of collapses: `levels` of blocks, the `queue`, the inner loop (`drain`)
 //! - `fit`: moves the vertices of the result towards the original; `quality` estimates the error, `quality_curve` judges it
 //! - `topology`: components that vanish, tubes that are cut; `repair`: what is cleaned, joined and taken apart
-//! - `followed`: where each vertex of the input went; `history`: every step, so that it can be taken back
+//! - `followed`: where each vertex of the input went; `history`: every step, so that it can be taken back; `earlier`: all
+//!   collapses, so that a later run can repeat them
 //! - `bound`: refuses collapses that lead too far from the original
 //! - `crossing`: refuses what makes the surface pass through itself
 //! - `collapse`: one collapse, its legality and carrying it out
@@ -22,6 +23,7 @@ mod bound;
 mod collapse;
 mod cost;
 mod crossing;
+mod earlier;
 mod fit;
 mod followed;
 mod history;
@@ -45,6 +47,7 @@ mod vertex;
 
 pub use bound::tight::Tightened;
 pub use cost::attributes::MAX_WEIGHTED;
+pub use earlier::EarlierRun;
 pub use history::{Cursor, Gone, History, Step};
 pub use interrupt::Interrupt;
 pub use memory::{

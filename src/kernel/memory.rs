@@ -26,9 +26,10 @@ pub fn round_fit_bytes(n_triangles: u64, is_first: bool) -> u64 {
     fit::samples::round_bytes(n_triangles, is_first)
 }
 
-/// Returns the memory that a bound adds to `peak_bytes`: its witnesses, the input's triangles, and which are around a vertex.
+/// Returns the memory that a bound adds to `peak_bytes`: its witnesses, the input's triangles, which are around a vertex,
+/// what was refused and what was done.
 pub fn bound_bytes(n_vertices: u64, n_triangles: u64) -> u64 {
-    41 * n_vertices + 28 * n_triangles
+    41 * n_vertices + 50 * n_triangles
 }
 
 /// Returns the memory that the points of the original add to `bound_bytes` in rounds after the first: as they are given, and

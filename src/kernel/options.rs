@@ -1,5 +1,6 @@
 //! Options of the kernel: when to stop, where survivors go, what may happen to the topology; and its limits.
 
+use crate::earlier::EarlierRun;
 use crate::interrupt::Interrupt;
 use std::sync::Arc;
 use stonecut_mesh::vec3::Vec3;
@@ -83,6 +84,9 @@ pub struct Options {
     pub bound: Option<Bound>,
     /// Places where the bound is tighter than elsewhere: there an earlier run of the same kind went beyond it.
     pub tight: Arc<[Tight]>,
+    /// A run over the same mesh whose collapses are repeated where nothing has changed, or that is noted for later ones; only within a
+    /// bound, where the stop is a count.
+    pub earlier: Option<EarlierRun>,
     /// Refuses what makes the surface pass through itself, for `crossing_bytes`.
     pub no_self_intersections: bool,
     /// Fills holes whose box has at most this diagonal, in input units; 0: none. For `crossing_bytes`.
@@ -151,6 +155,7 @@ impl Options {
     /// Leaves a part of the bound to later rounds; a share below 1 ends early, by `patience`, and is tighter nowhere, so that
     /// all attempts have that round in common.
     pub fn use_share_of_bound(&mut self, share: f64, patience: f64) {
+        self.earlier = None;
         let Some(bound) = &mut self.bound else { return };
         bound.distance *= share;
         bound.patience = 1.0;
@@ -249,6 +254,7 @@ impl Default for Options {
             seam_share: 0.0,
             bound: None,
             tight: Arc::from([]),
+            earlier: None,
             no_self_intersections: false,
             close: 0.0,
             crumbs: 0.0,

@@ -3,6 +3,7 @@
 use crate::bound::tracker::Tracker;
 use crate::collapse::legality::Reject;
 use crate::crossing::Crossings;
+use crate::earlier::EarlierRun;
 use crate::fit;
 use crate::fit::samples::Samples;
 use crate::followed::Followed;
@@ -144,11 +145,24 @@ pub(crate) fn start(
 }
 
 pub(crate) fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: Simd) -> Simplified {
+    // What later rounds are given differs from run to run.
+    let is_first = mesh.extremes.is_empty();
     let mut driver = start(mesh, locked, options, Options::fit_goal, simd);
     let mut statistics = Statistics::default();
     match &options.stop {
         Stop::Triangles(target) if options.bound.is_some() => {
-            statistics.reached = driver.reach_within_bound(*target);
+            let earlier = options.earlier.as_ref().filter(|_| is_first);
+            let repeated = earlier.and_then(EarlierRun::changes);
+            driver.done = (earlier.is_some() && repeated.is_none()).then(Vec::new);
+            statistics.reached = match repeated {
+                Some(done) => driver.repeat_within_bound(done, *target),
+                None => driver.reach_within_bound(*target),
+            };
+            if let (Some(earlier), Some(done), false) =
+                (earlier, driver.done.take(), options.interrupt.is_raised())
+            {
+                earlier.fill(done);
+            }
         }
         Stop::Triangles(target) => {
             statistics.reached = driver.reach(*target);

@@ -324,14 +324,13 @@ fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
     } else {
         Vec::new()
     };
-    let is_flat = measure::are_flat(meshes);
-    let measured = Measured {
-        deviation: unit.deviation(deviation),
-        is_flat,
-        certificate,
-        original: load::topology_of(&original),
-        simplified: load::topology_of(&simplified),
-    };
+    let deviation = unit.deviation(deviation);
+    let mut measured = Measured { deviation, certificate, ..Measured::default() };
+    if !options.distances_only {
+        measured.is_flat = measure::are_flat(meshes);
+        measured.original = load::topology_of(&original);
+        measured.simplified = load::topology_of(&simplified);
+    }
     Ok(Comparison { measured, heat, ..Comparison::default() })
 }
 

@@ -95,6 +95,8 @@ pub struct Options {
     pub region: Option<Region>,
     /// Also enclose the Hausdorff distance; `two_sided` alone does not.
     pub certify: Option<Certify>,
+    /// Leaves out, in memory, to count the connectivity and to find surfaces without area.
+    pub distances_only: bool,
 }
 
 impl Default for Options {
@@ -106,6 +108,7 @@ impl Default for Options {
             colours: None,
             region: None,
             certify: None,
+            distances_only: false,
         }
     }
 }

@@ -15,7 +15,7 @@ use super::prepare::{Prepared, prepare};
 use crate::config::{Attributes, Config, JobOptions, Normals, Target, Texture};
 use crate::error::Result;
 use crate::io::{OutputFormat, OutputKind};
-use crate::kernel::{self, Tight, Tightened};
+use crate::kernel::{self, EarlierRun, Tight, Tightened};
 use crate::measure::{Beyond, Certificate, Certify, compare};
 use crate::pipeline::run_report::{BoundReport, RunReport, TrialReport};
 use crate::pipeline::verify::{self, MeasuredPair};
@@ -89,6 +89,7 @@ fn try_in_turn(run: &DerivedRun, bound: f64, n_input: u64) -> Result<Option<RunR
     };
     let mut trials: Vec<Trial> = Vec::new();
     let mut tightened = Tightened::default();
+    let earlier = EarlierRun::default();
     while trials.len() < MOST_TRIALS && !trials.last().is_some_and(|trial| trial.ends(bound)) {
         let number = trials.len() + 1;
         if let Some(last) = trials.last() {
@@ -106,8 +107,16 @@ fn try_in_turn(run: &DerivedRun, bound: f64, n_input: u64) -> Result<Option<RunR
         let found = match job.outcome(&name)? {
             Some(found) => found,
             None => {
-                let trial = (number, &tightened);
-                match run_trial(trial, (bound, kept.as_deref()), config, progress) {
+                let kernel = kernel_of(bound, &tightened, &earlier, config);
+                // The collapses of a first trial of an earlier process are not known any more.
+                let is_one_cell = trials.first().is_some_and(|first| first.report.rounds == 0);
+                if is_one_cell && kernel.earlier.is_some() && !earlier.is_known() {
+                    let first = kernel_of(bound, &Tightened::default(), &earlier, config);
+                    if run_within(1, true, (bound, first), config, progress)?.is_none() {
+                        return Ok(None);
+                    }
+                }
+                match run_trial(number, (bound, kernel), kept.as_deref(), config, progress) {
                     Ok(Some(found)) => {
                         job.record(&name, &found)?;
                         found
@@ -206,26 +215,39 @@ fn write_kept(
     Ok(output)
 }
 
-/// Runs and measures one trial: against `kept`, if that is another mesh than the input. `None` if `--until` ended the run
-/// early.
-fn run_trial(
-    (number, tightened): (usize, &Tightened),
-    (bound, kept): (f64, Option<&Path>),
+/// Options of the kernel for one trial, which repeats what the first one did as far as only balls are tighter.
+fn kernel_of(
+    bound: f64,
+    tightened: &Tightened,
+    earlier: &EarlierRun,
+    config: &Config,
+) -> kernel::Options {
+    let distance = tightened.share * bound;
+    let is_tighter = tightened.share < Tightened::default().share;
+    kernel::Options {
+        bound: Some(kernel::Bound { distance, channel: None, patience: 1.0 }),
+        tight: Arc::from(tightened.places.as_slice()),
+        earlier: (!is_tighter).then(|| earlier.clone()),
+        ..config.kernel.clone()
+    }
+}
+
+/// Runs one trial, from the beginning if it `restarts`; gives its output and its report. `None` if `--until` ended the run early.
+fn run_within(
+    number: usize,
+    restarts: bool,
+    (bound, kernel): (f64, kernel::Options),
     config: &Config,
     progress: &Progress,
-) -> Result<Option<Trial>> {
-    let tighter = kernel::Bound { distance: tightened.share * bound, channel: None, patience: 1.0 };
+) -> Result<Option<(PathBuf, RunReport)>> {
+    let output = trial_path(config, &number.to_string());
     let inner = Config {
-        kernel: kernel::Options {
-            bound: Some(tighter),
-            tight: Arc::from(tightened.places.as_slice()),
-            ..config.kernel.clone()
-        },
+        kernel,
         // Goes with the trials.
-        job: JobOptions { keep_temp: true, force: true, restart: false, ..config.job },
+        job: JobOptions { keep_temp: true, force: true, restart: restarts, ..config.job },
         trial_of: Some(bound),
-        // Measured below, once.
-        ..within(config, trial_path(config, &number.to_string()), "job")
+        // Measured later, once.
+        ..within(config, output.clone(), "job")
     };
     // The same cells in later rounds: most of what is not near a tighter ball comes out as it did before.
     let is_common = |name: &str| FIRST_STAGES.contains(&name) || is_tree_record(name);
@@ -235,16 +257,33 @@ fn run_trial(
     let Some(mut report) = super::simplify(prepared, progress)? else { return Ok(None) };
     // Its own: the first stages are those of the trial before.
     report.seconds = started.elapsed().as_secs_f64();
+    Ok(Some((output, report)))
+}
+
+/// Runs and measures one trial: against `kept`, if that is another mesh than the input. `None` if `--until` ended the run
+/// early.
+fn run_trial(
+    number: usize,
+    goal: (f64, kernel::Options),
+    kept: Option<&Path>,
+    config: &Config,
+    progress: &Progress,
+) -> Result<Option<Trial>> {
+    let bound = goal.0;
+    let Some((output, mut report)) = run_within(number, false, goal, config, progress)? else {
+        return Ok(None);
+    };
     let started = Instant::now();
     let measured = match kept {
         Some(kept) => Config { input: kept.into(), ..config.clone() },
         None => config.clone(),
     };
-    let pair = MeasuredPair::open(&measured, &inner.output)?;
+    let pair = MeasuredPair::open(&measured, &output)?;
     let mut request = pair.request(config, &config.job_folder);
     request.options.certify = Some(Certify { tolerance: verify::TOLERANCE, bound: Some(bound) });
     if !config.checks.verify {
         request.options.samples = SAMPLES;
+        request.options.distances_only = true;
     }
     let comparison = compare::compare(&request, progress)?;
     let deviation = &comparison.measured.deviation;

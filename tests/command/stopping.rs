@@ -1,6 +1,6 @@
 //! Signals, limits and deaths: every command stops when it is asked to, whatever it waits for, and leaves nothing.
 
-use crate::common::{expect, run, scratch, start};
+use crate::common::{expect, json, run, scratch, start};
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::Path;
@@ -253,6 +253,33 @@ fn cells_of_the_attempt_before_change_no_byte() {
     if earlier.exists() {
         std::fs::remove_file(&earlier).unwrap();
     }
+    expect(at, &bounded("o.ply"), 0);
+    let read = |name: &str| std::fs::read(at.join(name)).unwrap();
+    assert!(read("o.ply") == read("whole.ply"));
+}
+
+/// A run that has lost what the first attempt at a bound did goes through it again.
+#[test]
+fn an_attempt_at_a_bound_in_one_cell_goes_on_to_the_same_bytes() {
+    let at = &scratch();
+    expect(at, "synth volume in.ply --triangles 20k", 0);
+    let bounded = |output: &str| format!("simplify in.ply {output} --max-error 0.5 -q --force");
+    expect(at, &format!("{} --report r.json", bounded("whole.ply")), 0);
+    let report = json(at, "r.json");
+    assert!(report["max_error"]["trials"].as_array().unwrap().len() > 1, "one attempt is enough");
+    let folder = at.join("o.ply.stonecut-job");
+    let has_tried = || {
+        let files = std::fs::read_dir(&folder).into_iter().flatten().flatten();
+        files
+            .map(|file| std::fs::read_to_string(file.path()).unwrap_or_default())
+            .any(|text| text.contains("trial 1"))
+    };
+    let mut child = start(at, &bounded("o.ply"));
+    while !has_tried() && child.try_wait().unwrap().is_none() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
     expect(at, &bounded("o.ply"), 0);
     let read = |name: &str| std::fs::read(at.join(name)).unwrap();
     assert!(read("o.ply") == read("whole.ply"));

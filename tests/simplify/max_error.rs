@@ -3,7 +3,7 @@
 use crate::common::{count, expect, json, meshes, run, scratch, write_ply};
 use std::path::Path;
 use stonecut::Mesh;
-use stonecut::kernel::{Bound, Options, Stop, simplify_mesh};
+use stonecut::kernel::{Bound, EarlierRun, Options, Stop, Tight, simplify_mesh};
 use stonecut::measure;
 use stonecut::mesh::property::Scalar;
 use stonecut::synth::{self, Kind, Settings};
@@ -347,4 +347,54 @@ fn a_bound_below_the_rounding_of_the_output_ends_with_a_word() {
         let said = expect(at, &command, 3);
         assert!(said.contains("no result keeps the bound"), "{said}");
     }
+}
+
+#[test]
+fn a_run_that_is_tighter_in_a_ball_repeats_the_first_one_elsewhere() {
+    let mesh = synth::mesh(&Settings::new(Kind::Statue, 60_000)).unwrap();
+    let locked = vec![false; mesh.positions.len()];
+    let distance = 1.0;
+    let earlier = EarlierRun::default();
+    let run = |tight: &[Tight]| {
+        let options = Options {
+            stop: Stop::Triangles(0),
+            bound: Some(Bound { distance, channel: None, patience: 1.0 }),
+            tight: tight.into(),
+            earlier: Some(earlier.clone()),
+            ..Options::default()
+        };
+        simplify_mesh(mesh.clone(), &locked, &options).mesh
+    };
+    let corners = |of: &Mesh| {
+        let mut all: Vec<_> = (0..of.triangles.len())
+            .map(|t| {
+                let mut places = of.corners(t).map(|p| p.map(f64::to_bits));
+                places.sort_unstable();
+                places
+            })
+            .collect();
+        all.sort_unstable();
+        all
+    };
+    let first = run(&[]);
+    assert!(earlier.is_known());
+    assert_eq!(corners(&run(&[])), corners(&first));
+    // All of the bound is kept in hand around a vertex of the input: nothing goes there.
+    let place = mesh.positions[mesh.positions.len() / 3];
+    let off_sq = |p: &[f64; 3]| (0..3).map(|k| (p[k] - place[k]).powi(2)).sum::<f64>();
+    let mut all: Vec<f64> = mesh.positions.iter().map(off_sq).collect();
+    all.sort_unstable_by(f64::total_cmp);
+    let ball = Tight { place, radius: all[60].sqrt(), margin: distance };
+    let second = run(&[ball]);
+    let is_in = |p: &&[f64; 3]| off_sq(p) < all[60];
+    let n_in = |of: &Mesh| of.positions.iter().filter(is_in).count();
+    assert!(n_in(&second) >= n_in(&mesh));
+    assert!(n_in(&first) < n_in(&mesh) / 2);
+    let (before, after) = (corners(&first), corners(&second));
+    let n_common = after.iter().filter(|t| before.binary_search(t).is_ok()).count();
+    assert!(20 * n_common > 19 * before.len(), "{n_common} of {}", before.len());
+    let options = measure::Options { samples: 200_000, threads: 2, ..Default::default() };
+    let found = measure::two_sided(&mesh, &second, &options, &Progress::default()).unwrap();
+    let largest = found.forward.distance.max.max(found.backward.distance.max);
+    assert!(largest <= 1.1 * distance, "{largest}");
 }

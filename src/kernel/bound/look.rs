@@ -5,7 +5,7 @@
 
 use super::between::sine_to_mean;
 use super::input::NONE;
-use super::scratch::{Eight, Patch, REFUSED_SHIFT, Refused, Scratch};
+use super::scratch::{Eight, Patch, Scratch};
 use super::tracker::Tracker;
 use crate::simd::unchecked::prefetch;
 use crate::simd::{Job, Lanes};
@@ -38,22 +38,22 @@ impl Job for Look<'_> {
 }
 
 impl Tracker {
+    /// True if a collapse was refused, and is again.
+    #[inline(always)]
+    pub(crate) fn has_refused(&self, surface: &Surface, ends: [u32; 2], may_turn: bool) -> bool {
+        self.refused.holds(surface, ends, false)
+            || may_turn && self.refused.holds(surface, ends, true)
+    }
+
     /// True if the surface stays within the bound with this collapse.
     #[inline(never)]
     pub(crate) fn admits(&mut self, surface: &Surface, patch: &Patch) -> bool {
-        let [v0, v1] = patch.ends;
-        let stamp = [v0, v1].map(|v| surface.vertices[v as usize].stamp);
-        let key = Refused { ends: patch.ends, stamp, turns: patch.turns };
-        let slot = (v0.wrapping_mul(0x9E37_79B1) ^ v1.wrapping_mul(0x85EB_CA77)) >> REFUSED_SHIFT;
-        if self.refused[slot as usize] == key {
-            return false;
-        }
         let mut scratch = std::mem::take(&mut self.scratch);
         let simd = self.simd;
         let verdict = simd.run(Look { tracker: self, surface, patch, scratch: &mut scratch });
         self.scratch = scratch;
         if !verdict {
-            self.refused[slot as usize] = key;
+            self.refused.add(surface, patch.ends, patch.turns);
         }
         verdict
     }
@@ -99,12 +99,24 @@ impl Tracker {
         if nearest == NONE {
             return false;
         }
+        if self.is_as_before(patch, scratch) {
+            return true;
+        }
         let is_even = self.is_even(patch, scratch);
         self.holds_survivor::<L>(surface, patch, place, nearest, scratch)
             && (is_even || self.holds_folds::<L>(patch, place, nearest, scratch))
             && self.holds_caps::<L>(place, scratch)
             && self.holds_outside::<L>(patch, place, scratch)
             && (is_even || self.holds_between::<L>(surface, patch, place, scratch))
+    }
+
+    /// True if all around a collapse is as it was when an earlier run looked at it and carried it out.
+    #[inline(always)]
+    fn is_as_before(&self, patch: &Patch, scratch: &Scratch) -> bool {
+        let vertices = || patch.ends.iter().chain(patch.b).chain(patch.c);
+        !self.changed.is_empty()
+            && vertices().all(|&v| !self.changed[v as usize])
+            && !scratch.witnesses.iter().any(|&id| self.is_in_ball(id))
     }
 
     /// True if what lies between the witnesses is as near as they are but for little: the new faces turn so little that an edge of

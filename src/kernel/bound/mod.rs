@@ -18,6 +18,7 @@ mod look;
 mod new_triangles;
 mod original;
 mod outside;
+mod refused;
 pub(crate) mod scratch;
 pub(crate) mod tight;
 pub(crate) mod tracker;

@@ -1,7 +1,6 @@
 //! One collapse as it is looked at: the triangles around it, and what is noted until it is carried out.
 
 use super::fan::Fans;
-use super::input::NONE;
 use crate::surface::faces::Face;
 use stonecut_mesh::vec3::Vec3;
 
@@ -22,22 +21,6 @@ pub(crate) struct Patch<'a> {
     /// Neighbours over open edges of either end.
     pub(crate) open: &'a [(u32, u32)],
 }
-
-/// A collapse that was refused; it is again as long as neither end has changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Refused {
-    pub(super) ends: [u32; 2],
-    pub(super) stamp: [u32; 2],
-    pub(super) turns: bool,
-}
-
-impl Refused {
-    pub(super) const NONE: Refused = Refused { ends: [NONE; 2], stamp: [0; 2], turns: false };
-}
-
-/// Refused collapses that are remembered: 32 bits less these.
-pub(super) const REFUSED_SHIFT: u32 = 17;
-pub(super) const MOST_REFUSED: usize = 1 << (32 - REFUSED_SHIFT);
 
 /// Notes on a collapse until it is carried out; re-used.
 #[derive(Clone, Default)]

@@ -2,7 +2,8 @@
 
 use super::input::{BoundInput, NONE, Witness};
 use super::original::original_points;
-use super::scratch::{MOST_REFUSED, Refused, Scratch};
+use super::refused::RefusedCollapses;
+use super::scratch::Scratch;
 use super::tight::TightPlaces;
 use crate::options::Tight;
 use crate::simd::Simd;
@@ -15,7 +16,7 @@ use stonecut_mesh::vec3::{Vec3, triangle_distance_sq};
 /// The witnesses, and which triangle each belongs to.
 ///
 /// Memory: 41 bytes a vertex and 24 a triangle of the input, 36 a point of the original and then 5 a vertex more, 4 a triangle of the surface, and
-/// 640 KiB for what was refused.
+/// 8 a triangle for what was refused.
 #[derive(Clone)]
 pub(crate) struct Tracker {
     /// Scaled.
@@ -29,12 +30,14 @@ pub(crate) struct Tracker {
     /// Place of each witness in `scratch`, if it is.
     pub(super) slot: Vec<u32>,
     pub(super) scratch: Scratch,
-    pub(super) refused: Vec<Refused>,
+    pub(super) refused: RefusedCollapses,
     /// Triangles that a cut has made.
     pub(super) caps: HashSet<u32>,
     /// The part of `Witness::before` that only keeps the bound tighter there, negative outside of all balls; empty if there are
     /// none. Scaled.
     pub(super) margins: Vec<f32>,
+    /// While an earlier run is repeated: true for each vertex of the surface that is not as it was then. Else empty.
+    pub(crate) changed: Vec<bool>,
 }
 
 /// Share of the bound that is used: what lies between the points that are looked at may be a little farther.
@@ -121,9 +124,10 @@ impl Tracker {
             head: vec![NONE; surface.triangles.len()],
             slot: vec![0; n],
             scratch: Scratch::default(),
-            refused: vec![Refused::NONE; MOST_REFUSED],
+            refused: RefusedCollapses::new(surface.triangles.len()),
             caps: HashSet::new(),
             margins,
+            changed: Vec::new(),
         };
         for (id, t) in surface.triangles.iter().enumerate().filter(|(_, t)| t[0] != GONE) {
             for &v in t {
@@ -163,9 +167,8 @@ impl Tracker {
 
     /// Memory that it holds, in bytes.
     pub(crate) fn bytes(&self) -> u64 {
-        let refused = self.refused.len() * size_of::<Refused>();
         let places = 4 * (self.head.len() + self.slot.len() + self.margins.len());
-        self.input.bytes() + (refused + places) as u64
+        self.input.bytes() + self.refused.bytes() + places as u64
     }
 
     /// Gives a witness to a triangle. The farthest one comes first: it is the most likely to forbid a collapse.
@@ -190,8 +193,15 @@ impl Tracker {
         std::array::from_fn(|k| ((position[k] - self.centre[k]) * self.scale) as f32)
     }
 
+    /// Takes over the new numbers of the vertices of a surface that is compact.
+    pub(crate) fn after_compaction(&mut self, place: &[u32]) {
+        self.refused.renumber(place);
+    }
+
     /// Takes over the numbers that triangles get when those that are gone are dropped.
-    pub(crate) fn before_compaction(&mut self, triangles: &[[u32; 3]]) {
+    pub(crate) fn before_compaction(&mut self, surface: &Surface) {
+        self.refused.forget_changed(surface);
+        let triangles = &surface.triangles;
         let mut place = vec![GONE; triangles.len()];
         let mut n = 0;
         for (place, _) in place.iter_mut().zip(triangles).filter(|(_, t)| t[0] != GONE) {
@@ -205,7 +215,6 @@ impl Tracker {
         self.head = head;
         let caps = std::mem::take(&mut self.caps).into_iter().map(|t| place[t as usize]);
         self.caps = caps.filter(|&t| t != GONE).collect();
-        self.refused.fill(Refused::NONE);
         for witness in self.input.witnesses.iter_mut().filter(|witness| witness.owner != GONE) {
             witness.owner = place[witness.owner as usize];
         }

@@ -12,6 +12,7 @@ use crate::collapse::roles::{classes_allow, roles};
 use crate::cost::fold_quadric;
 use crate::cost::quadric::Evaluated;
 use crate::cost::recession::Recession;
+use crate::earlier::DoneChange;
 use crate::interrupt::BATCHES_BETWEEN_LOOKS;
 use crate::options::Topology;
 use crate::schedule::driver::{DrainLimits, Driver};
@@ -322,33 +323,48 @@ impl Driver {
             return;
         }
         let may_turn = entry.failures >= MAX_FAILURES;
+        if let Some(tracker) = &self.bound
+            && tracker.has_refused(&self.state.surface, [entry.v0, entry.v1], may_turn)
+        {
+            return self.refused(queue, (bucket, entry), Reject::Bound, cost, limits);
+        }
         let plan = Plan { v0: entry.v0, v1: entry.v1, place, may_turn };
+        if let Err(reason) = self.try_out::<L>(known, plan) {
+            self.refused(queue, (bucket, entry), reason, cost, limits);
+        }
+    }
+
+    /// Carries a collapse out if it is legal, with all that is noted of it.
+    #[inline(always)]
+    pub(super) fn try_out<L: Lanes>(&mut self, known: KnownIds, plan: Plan) -> Result<(), Reject> {
+        let (v0, v1) = (plan.v0, plan.v1);
         let number = (self.collapses + 1) as u32;
         // Each wedge of a vertex at a seam has its own source.
         let wedge = match &self.state.wedges {
-            Some(wedges) => wedges.source_off_seams(&self.state.surface, entry.v0),
+            Some(wedges) => wedges.source_off_seams(&self.state.surface, v0),
             None => None,
         };
         let watchers = (self.bound.as_deref_mut(), self.crossings.as_deref_mut());
         if let Some(history) = &mut self.history {
-            history.before(&self.state.surface, entry.v0, entry.v1);
+            history.before(&self.state.surface, v0, v1);
         }
-        match self.collapser.attempt::<L>(known, &mut self.state, plan, number, watchers) {
-            Ok(()) => {
-                self.collapses += 1;
-                if let Some(history) = &mut self.history {
-                    let (fan, gone) = self.collapser.carried_out();
-                    history.collapsed(&self.state.surface, (entry.v0, entry.v1), fan, gone);
-                }
-                if self.spare_sources.len() < MAX_SPARE {
-                    if self.state.wedges.is_none() {
-                        self.spare_sources.push(self.state.surface.source[entry.v0 as usize]);
-                    }
-                    self.spare_sources.extend(wedge);
-                }
+        self.collapser.attempt::<L>(known, &mut self.state, plan, number, watchers)?;
+        self.collapses += 1;
+        if let Some(history) = &mut self.history {
+            let (fan, gone) = self.collapser.carried_out();
+            history.collapsed(&self.state.surface, (v0, v1), fan, gone);
+        }
+        if let Some(done) = &mut self.done {
+            let sources = [v0, v1].map(|v| self.state.surface.source[v as usize]);
+            done.push(DoneChange::Collapse(sources, plan.place, plan.may_turn));
+        }
+        if self.spare_sources.len() < MAX_SPARE {
+            if self.state.wedges.is_none() {
+                self.spare_sources.push(self.state.surface.source[v0 as usize]);
             }
-            Err(reason) => self.refused(queue, (bucket, entry), reason, cost, limits),
+            self.spare_sources.extend(wedge);
         }
+        Ok(())
     }
 
     /// Puts a collapse off until others are as dear, by which the rim of a thin sheet would recede too far; true if it

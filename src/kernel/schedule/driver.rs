@@ -6,6 +6,7 @@ use crate::bound::tracker::Tracker;
 use crate::collapse::collapser::Collapser;
 use crate::collapse::legality::RejectCounts;
 use crate::crossing::Crossings;
+use crate::earlier::DoneChange;
 use crate::fit::samples::Samples;
 use crate::followed::Followed;
 use crate::history::History;
@@ -80,6 +81,8 @@ pub(crate) struct Driver {
     pub(crate) followed: Option<Followed>,
     /// Every step, if they are recorded.
     pub(crate) history: Option<Box<History>>,
+    /// All changes, if later runs are to repeat them.
+    pub(crate) done: Option<Vec<DoneChange>>,
     /// Estimates of the quality after each level on the way to a count.
     pub(crate) curve: Vec<QualityAt>,
     /// Ends the work early, as if nothing legal were left.
@@ -218,6 +221,7 @@ impl Driver {
             volume: None,
             followed: None,
             history: None,
+            done: None,
             curve: Vec::new(),
             interrupt: Interrupt::default(),
         }
@@ -383,10 +387,13 @@ impl Driver {
         if (self.state.surface.n_alive as f64) < 0.75 * self.state.surface.triangles.len() as f64 {
             self.follow();
             if let Some(tracker) = &mut self.bound {
-                tracker.before_compaction(&self.state.surface.triangles);
+                tracker.before_compaction(&self.state.surface);
             }
             let place = self.state.compact(self.simd);
             self.renumber(&place);
+            if let Some(tracker) = &mut self.bound {
+                tracker.after_compaction(&place);
+            }
             self.collapses_before += std::mem::take(&mut self.collapses);
         }
     }

@@ -6,6 +6,7 @@ mod evaluate;
 mod held;
 pub(crate) mod levels;
 pub(crate) mod queue;
+mod repeat;
 mod seeds;
 mod topology_changes;
 mod within_bound;

@@ -2,6 +2,7 @@
 //!
 //! `topology` decides which changes are allowed, and their price.
 
+use crate::earlier::DoneChange;
 use crate::options::Topology;
 use crate::schedule::driver::{DrainLimits, Driver};
 use crate::schedule::queue::{BucketQueue, Entry};
@@ -136,20 +137,40 @@ impl Driver {
             }
             CutPlan::Strip(triangles, ..) => Some(triangles),
         };
+        let Some([a, b, c]) = self.carry_out_cut(cycle, strip) else { return };
+        queue.push(bucket, entry);
+        for (v0, v1) in [(a, b), (b, c), (c, a)] {
+            queue.push(bucket, Entry { v0, v1, failures: 0 });
+        }
+    }
+
+    /// Cuts a handle as an earlier run did, whatever that costs; gives back the new vertices.
+    pub(super) fn cut_again(&mut self, cycle: [u32; 3]) -> Option<[u32; 3]> {
+        let surface = &self.state.surface;
+        match topology::plan_cut(surface, cycle)? {
+            CutPlan::Handle(_, sides) if topology::opens_handle(surface, cycle, &sides) => {
+                self.carry_out_cut(cycle, None)
+            }
+            _ => None,
+        }
+    }
+
+    /// Cuts, and removes the `strip` that is separated by that. Gives back the new vertices, if they stay.
+    fn carry_out_cut(&mut self, cycle: [u32; 3], strip: Option<Vec<u32>>) -> Option<[u32; 3]> {
         if let Some(tracker) = &mut self.bound
             && (strip.is_some() || !tracker.admits_cap(&self.state.surface, cycle))
         {
-            return;
+            return None;
         }
         if let Some(crossings) = &mut self.crossings {
             let gone = strip.as_deref().unwrap_or(&[]);
             if !crossings.admits_triangle(&self.state.surface, cycle, gone) {
-                return;
+                return None;
             }
         }
         let number = (self.collapses + 1) as u32;
         let spare = &mut self.spare_sources;
-        let Some(new) = cut(&mut self.state, cycle, spare, number, self.simd) else { return };
+        let new = cut(&mut self.state, cycle, spare, number, self.simd)?;
         self.collapses += 1;
         validate_small(&self.state);
         if let Some(crossings) = &mut self.crossings {
@@ -161,17 +182,18 @@ impl Driver {
         if let Some(triangles) = strip {
             self.strip(&triangles, cycle, new);
             self.changes.stripped += 1;
-            return;
+            return None;
         }
         if let Some(history) = &mut self.history {
             history.cut(&self.state.surface, cycle, new, &[]);
         }
         self.changes.cuts += 1;
-        queue.push(bucket, entry);
-        let [a, b, c] = new;
-        for (v0, v1) in [(a, b), (b, c), (c, a)] {
-            queue.push(bucket, Entry { v0, v1, failures: 0 });
+        if let Some(done) = &mut self.done {
+            let source = &self.state.surface.source;
+            let sources = |of: [u32; 3]| of.map(|v| source[v as usize]);
+            done.push(DoneChange::Cut(sources(cycle), sources(new)));
         }
+        Some(new)
     }
 
     /// The least cost at which the end of a strip may go that is as far from the cut, in scaled units.

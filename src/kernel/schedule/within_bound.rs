@@ -1,6 +1,7 @@
 //! As far down as a bound on the error allows: levels of rising cost until nearly all is refused, then queues over
 //! everything.
 
+use crate::earlier::DoneChange;
 use crate::options::Topology;
 use crate::schedule::driver::{DrainLimits, Driver};
 use crate::schedule::levels::{BLOCK, MIN_LEVEL_TRIANGLES, PILOT_STRIDE};
@@ -80,6 +81,7 @@ impl Driver {
             cost *= STEP;
         }
         self.vanish_within_bound(target);
+        self.done.iter_mut().for_each(|done| done.push(DoneChange::Vanish));
         let mut queue = BucketQueue::new(5);
         while self.state.surface.n_alive > target {
             let before = self.state.surface.n_alive;
@@ -98,7 +100,7 @@ impl Driver {
     }
 
     /// Removes small components that others stand in for.
-    fn vanish_within_bound(&mut self, target: u64) {
+    pub(super) fn vanish_within_bound(&mut self, target: u64) {
         let may_vanish = self.topology == Topology::Error && self.history.is_none();
         if let Some(tracker) = self.bound.as_mut().filter(|_| may_vanish) {
             let surface = &mut self.state.surface;
