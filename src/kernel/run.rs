@@ -262,6 +262,9 @@ pub(crate) fn finish(
     let is_whole = || surface.rings.iter().all(|ring| ring.class != Some(Class::Locked));
     let may_turn = driver.changes.one_sided.is_some() && !surface.has_walls;
     let turns = may_turn && relief.is_empty() && is_whole();
+    if let (Placement::Subset, Some(wedges)) = (surface.placement, &mut driver.state.wedges) {
+        wedges.note_places(surface);
+    }
     let models = driver.state.take_models();
     let (mut mesh, source) = driver.state.into_mesh();
     if turns {

@@ -412,6 +412,24 @@ fn triangles_without_area_are_cleaned_before_any_collapse() {
 }
 
 #[test]
+fn triangles_without_area_that_hang_at_the_edges_of_a_closed_body_do_not_open_it() {
+    let mut mesh = torus(60, 30, 0.3);
+    let clean = mesh.triangles.len();
+    for i in (0..clean).step_by(23) {
+        let [a, b, _] = mesh.triangles[i];
+        let middle = mesh.positions.len() as u32;
+        let (p, q) = (mesh.positions[a as usize], mesh.positions[b as usize]);
+        mesh.positions.push([0, 1, 2].map(|k| 0.5 * (p[k] + q[k])));
+        mesh.triangles.push([a, b, middle]);
+    }
+    for topology in [Topology::Keep, Topology::Error] {
+        let result = run(&mesh, clean as u64 / 3, topology);
+        assert!(result.statistics.reached);
+        assert_eq!(n_edges(&result.mesh, |n| n != 2), 0);
+    }
+}
+
+#[test]
 fn sheets_with_a_gap_merge_if_it_is_within_the_distance() {
     // The right one has its boundary a gap of 0.004 away, and half as many vertices along it.
     let left = sheet(20, |_, _| false);

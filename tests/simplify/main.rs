@@ -25,6 +25,7 @@ mod simplify;
 mod sizes;
 mod slides;
 mod solid;
+mod subset;
 mod unused;
 mod verdicts;
 mod walls;

@@ -2,8 +2,8 @@
 //!
 //! Whatever the topology policy: nothing of the surface changes by it. Of triangles over the same three
 //! vertices the first stays; one that is turned over stays, too, where it belongs to another body
-//! (`duplicate_triangles`). A triangle without area whose longest edge is open is dropped; otherwise that edge is
-//! flipped, so that its neighbour is split by the vertex that lay on the edge.
+//! (`duplicate_triangles`). A triangle without area whose longest edge is open is dropped, and one that hangs at an edge of
+//! several others; otherwise that edge is flipped, so that its neighbour is split by the vertex that lay on the edge.
 //! Two corners in one place make an edge whose collapse costs nothing: that is left to the queue, which takes
 //! it first. What cannot be done (no manifold neighbour, a lock, an attribute seam, a fan that would fall apart)
 //! is left as found.
@@ -174,14 +174,19 @@ fn remove(surface: &mut Surface, t: u32, copies: &[u32], touched: &mut Vec<u32>)
     let across: Vec<u32> = (surface.ring(a).iter().copied())
         .filter(|&u| u != t && surface.triangles[u as usize].contains(&b))
         .collect();
+    let neighbours = |v: u32, w: u32| {
+        surface.ring(v).iter().filter(|&&u| surface.triangles[u as usize].contains(&w)).count()
+    };
+    let hangs = |v: u32| neighbours(v, middle) == 1;
     let [u] = across[..] else {
+        if across.len() > 1 && class(middle) != Some(Class::Locked) && hangs(a) && hangs(b) {
+            drop_triangle(surface, t, touched);
+            return Outcome::Done;
+        }
         // Open on this side; where a lock is at either end, another cell may lie behind the edge.
         let is_free = class(a) != Some(Class::Locked) || class(b) != Some(Class::Locked);
         let is_last = |v: u32| class(v) == Some(Class::Locked) && surface.ring(v).len() == 1;
         // Between others of an open fan it holds them together.
-        let neighbours = |v: u32, w: u32| {
-            surface.ring(v).iter().filter(|&&u| surface.triangles[u as usize].contains(&w)).count()
-        };
         let is_held = neighbours(a, middle) > 1
             && neighbours(b, middle) > 1
             && Fan::new().look(surface, middle) != Class::Interior;

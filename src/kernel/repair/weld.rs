@@ -10,7 +10,7 @@
 //! (`wedges`). Without confined channels and under `Topology::Error`, only junction curves are joined: `make_manifold` does the
 //! rest, and more.
 
-use crate::options::Topology;
+use crate::options::{Placement, Topology};
 use crate::repair::curves::Curves;
 use crate::simd::Simd;
 use crate::state::MeshState;
@@ -71,6 +71,9 @@ pub(crate) fn coincident(
         let mut wedges = Box::new(Wedges::new(surface, confined, simd));
         if topology == Topology::Error {
             wedges.join_equal(&join);
+        }
+        if surface.placement == Placement::Subset {
+            wedges.keep_places(&join);
         }
         wedges.find_charts(&surface.triangles);
         state.wedges = Some(wedges);

@@ -16,8 +16,15 @@ impl Models {
 
     /// Notes that the vertex `source` was made like another one.
     pub fn note(&mut self, source: u32, like: u32) {
-        let like = self.of(like);
-        if like != source {
+        self.set(source, self.of(like));
+    }
+
+    /// Notes that the vertex `source` has the values of the input vertex `like`.
+    pub(crate) fn set(&mut self, source: u32, like: u32) {
+        // The number may have been that of another copy.
+        if like == source {
+            self.0.remove(&source);
+        } else {
             self.0.insert(source, like);
         }
     }

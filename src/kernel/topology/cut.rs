@@ -2,6 +2,7 @@
 //!
 //! `topology` decides which cuts are allowed, and their price.
 
+use crate::options::Placement;
 use crate::simd::Simd;
 use crate::state::MeshState;
 use crate::state::recompute::recompute_quadric;
@@ -55,8 +56,11 @@ pub(crate) fn cut(
         let mut vertex = surface.vertices[v as usize];
         vertex.stamp = number;
         surface.vertices.push(vertex);
-        surface.source.push(sources[i]);
-        surface.models.note(sources[i], surface.source[v as usize]);
+        let own = surface.source[v as usize];
+        // With wedges it is theirs to be numbered, and the vertex says only which place it has.
+        let is_place = division.is_some() && surface.placement == Placement::Subset;
+        surface.source.push(if is_place { own } else { sources[i] });
+        surface.models.note(sources[i], own);
         for channel in 0..surface.n_channels {
             let value = surface.channels[v as usize * surface.n_channels + channel];
             surface.channels.push(value);

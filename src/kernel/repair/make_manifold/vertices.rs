@@ -4,6 +4,7 @@
 
 use super::half_edges::{PairingState, Patch};
 use super::places::NONE;
+use crate::options::Placement;
 use crate::simd::Simd;
 use crate::state::MeshState;
 use crate::state::recompute::recompute_vertices;
@@ -206,7 +207,11 @@ impl VertexPlan {
         }
         if let Some(wedges) = wedges {
             for (c, &v) in self.vertex.iter().enumerate().filter(|(_, v)| **v >= first_new) {
-                surface.source[v as usize] = wedges.source_at(patch.triangles[c / 3], c % 3);
+                let source = wedges.source_at(patch.triangles[c / 3], c % 3);
+                surface.source[v as usize] = match surface.placement {
+                    Placement::Subset => wedges.models.of(source),
+                    _ => source,
+                };
             }
         }
         for (&t, vertices) in patch.triangles.iter().zip(self.vertex.as_chunks::<3>().0) {

@@ -57,6 +57,8 @@ pub(crate) struct Wedges {
     /// Input vertex of each wedge.
     source: Vec<u32>,
     pub(crate) models: Models,
+    /// Sources of vertices that were joined and of those at whose place they are, ascending; only if survivors are input vertices.
+    joined: Vec<(u32, u32)>,
     /// True if a vertex has several wedges.
     is_seam: Vec<bool>,
     n_channels: usize,
@@ -80,6 +82,7 @@ impl Wedges {
             values: surface.channels.clone(),
             source: surface.source.clone(),
             models: Models::default(),
+            joined: Vec::new(),
             is_seam: Vec::new(),
             n_channels: surface.n_channels,
             confined: confined.to_vec(),
@@ -88,6 +91,30 @@ impl Wedges {
             chart: Vec::new(),
             n_charts: 0,
             simd,
+        }
+    }
+
+    /// Remembers which vertices lie at one place: each of these is joined into another.
+    pub(crate) fn keep_places(&mut self, join: &[(u32, u32)]) {
+        let source = |v: u32| self.source[v as usize];
+        self.joined = join.iter().map(|&(v, into)| (source(v), source(into))).collect();
+        self.joined.sort_unstable();
+    }
+
+    /// Notes of all wedges whose vertices have come to the place of another that they are like that one.
+    pub(crate) fn note_places(&mut self, surface: &Surface) {
+        let place = |source: u32| {
+            let known = self.joined.binary_search_by_key(&source, |joined| joined.0);
+            known.map_or(source, |i| self.joined[i].1)
+        };
+        for (corner, t) in self.corner.iter().zip(&surface.triangles).filter(|(_, t)| t[0] != GONE)
+        {
+            for (&wedge, &v) in corner.iter().zip(t) {
+                let (source, there) = (self.source[wedge as usize], surface.source[v as usize]);
+                if place(self.models.of(source)) != place(there) {
+                    self.models.set(source, there);
+                }
+            }
         }
     }
 
