@@ -104,7 +104,9 @@ fn is_closed(folder: &Path, file: &str) {
 #[test]
 fn a_soup_of_near_copies_comes_out_closed() {
     let mesh = sphere(4);
-    for (off, coordinate) in [(2e-7, Scalar::F64), (1e-6, Scalar::F64), (1e-7, Scalar::F32)] {
+    // The third lies astride what rounding explains.
+    let offs = [(2e-7, Scalar::F64), (1e-6, Scalar::F64), (3e-5, Scalar::F64), (1e-7, Scalar::F32)];
+    for (off, coordinate) in offs {
         let folder = tempfile::tempdir().unwrap();
         write(folder.path(), &soup(&mesh, off), coordinate);
         let said = expect(folder.path(), "simplify in.ply out.ply --ratio 10% --report r.json", 0);

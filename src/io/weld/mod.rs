@@ -40,7 +40,7 @@ pub fn weld(source: MeshSource, options: &StageOptions) -> Result<MeshSource> {
     if found.distance <= 0.0 || is_left {
         return Ok(with_note(source, &found));
     }
-    rewrite::join(source, &found, None, how, options)
+    Ok(with_note(rewrite::join(source, &found, None, how, options)?, &found))
 }
 
 /// Joins the borders of parts that were staged as one mesh: exact copies always, others as `options.weld` says.
@@ -81,18 +81,20 @@ pub fn join_parts(
     Ok(source)
 }
 
-/// Notes what was seen where nothing is joined.
+/// Notes what was seen beyond the distance within which vertices are joined.
 fn with_note(mut source: MeshSource, found: &Found) -> MeshSource {
     if let Some(near) = found.suggested {
         let vertices = source.n_vertices();
         let pieces = show_count(source.n_triangles());
         let asked = near.wider;
-        let notes = vec![format!(
+        let none = WeldReport { vertices, ..WeldReport::default() };
+        let mut report = source.weld().cloned().unwrap_or(none);
+        report.notes.push(format!(
             "{pieces} triangles hardly have a vertex in common, but neighbours within {:.0e}: if they belong together, \
              --weld {asked:.0e}",
             near.distance
-        )];
-        source.note_weld(WeldReport { vertices, notes, ..WeldReport::default() });
+        ));
+        source.note_weld(report);
     }
     source
 }

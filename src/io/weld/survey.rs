@@ -126,6 +126,10 @@ pub(super) fn survey(source: &MeshSource) -> Result<Option<Found>> {
     let far = far.max(f64::MIN_POSITIVE);
     let step = source.schema().rounding() * largest(&sample.bounds);
     let distance = (SPREAD * far).max(8.0 * step).min(limit);
+    // Where only a part of the copies is within what rounding explains, joining that part would tear the surface.
+    let is_cut = is_loose && !is_mostly_exact && SPREAD * far > limit;
+    let whole = if is_cut { sample.suggest(&edges) } else { None };
+    let distance = whole.map_or(distance, |near| distance.max(near.wider));
     Ok(Some(Found { distance, suggested, ..found }))
 }
 
