@@ -108,9 +108,10 @@ fn opaque_materials_are_written_as_such() {
     assert_eq!(of("opaque")["pbrMetallicRoughness"]["baseColorFactor"], Value::Null);
     assert_eq!(of("cut")["alphaMode"], "MASK");
     let said = expect(folder, "convert quads.gltf out.obj", 0);
-    assert!(said.contains("opacity of the colour image of material 'cut'"), "{said}");
+    assert!(!said.contains("opacity"), "{said}");
     let library = std::fs::read_to_string(folder.join("out.mtl")).unwrap();
     assert!(library.contains("newmtl opaque") && !library.contains("\nd "), "{library}");
+    assert_eq!(library.matches("map_d ").count(), 1, "{library}");
 }
 
 #[test]
@@ -119,9 +120,13 @@ fn a_new_texture_of_opaque_materials_is_opaque() {
     let clear = RgbaImage::from_fn(64, 64, |x, _| Rgba([0, 90, 200, 4 * x as u8]));
     clear.save(folder.join("clear.png")).unwrap();
     sheet(folder, |x, y| format!("{x} {y}"), "newmtl only\nKd 1 1 1\nmap_Kd clear.png\n");
-    // Nothing is said of opacity there.
     expect(folder, "convert sheet.obj sheet.glb", 0);
-    assert_eq!(glb_json(&folder.join("sheet.glb"))["materials"][0]["alphaMode"], Value::Null);
+    assert_eq!(glb_json(&folder.join("sheet.glb"))["materials"][0]["alphaMode"], "BLEND");
+    // The same without a word on opacity.
+    let mut bytes = std::fs::read(folder.join("sheet.glb")).unwrap();
+    let at = bytes.windows(9).position(|word| word == b"alphaMode").unwrap();
+    bytes[at..at + 9].copy_from_slice(b"alphaNone");
+    std::fs::write(folder.join("sheet.glb"), bytes).unwrap();
     expect(folder, "simplify sheet.glb out.glb --ratio 20% --texture bake -q", 0);
     assert_eq!(glb_json(&folder.join("out.glb"))["materials"][0]["alphaMode"], Value::Null);
     expect(folder, "simplify sheet.glb out.obj --ratio 20% --texture bake -q", 0);
@@ -145,4 +150,12 @@ fn dark_texels_of_a_leaf_are_there() {
     let [x, y] = [seen.width(), seen.height()];
     assert_eq!(*seen.get_pixel(x / 2 - y / 5, y / 2), Rgb([20, 60, 10]));
     assert_eq!(*seen.get_pixel(x / 2 + y / 5, y / 2), BACKGROUND);
+    // Other formats have a place for it, and back.
+    let said = expect(folder, "convert sheet.obj leaf.glb", 0);
+    assert!(!said.contains("opacity"), "{said}");
+    assert_eq!(glb_json(&folder.join("leaf.glb"))["materials"][0]["alphaMode"], "BLEND");
+    let said = expect(folder, "convert leaf.glb back.obj", 0);
+    assert!(!said.contains("opacity"), "{said}");
+    let library = std::fs::read_to_string(folder.join("back.mtl")).unwrap();
+    assert!(library.contains("map_d back_textures/leaf.png"), "{library}");
 }

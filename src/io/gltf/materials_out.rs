@@ -173,7 +173,8 @@ impl Lists {
                 out.insert("alphaCutoff".to_owned(), cutoff.into());
             }
             Alpha::Opaque => {}
-            Alpha::Plain if base[3] == 1.0 => {}
+            // Leaves and grates are drawn without holes otherwise.
+            Alpha::Plain if base[3] == 1.0 && !plan.materials.has_clear_base(material) => {}
             Alpha::Blend | Alpha::Plain => {
                 out.insert("alphaMode".to_owned(), "BLEND".into());
             }

@@ -2,9 +2,10 @@
 //!
 //! Reads the first MiB and the last KiB of an image, whatever its size says: memory is bounded for any file.
 
-use super::description::{Image, ImageData, Materials};
+use super::description::{Image, ImageData, MapKind, Material, Materials};
 use super::search::is_set_of_tiles;
 use crate::ply::raw::RawFile;
+use std::ops::Range;
 use std::path::Path;
 use stonecut_system::error::{Error, Result};
 
@@ -110,16 +111,67 @@ pub fn look(data: &ImageData) -> Result<ImageFacts, String> {
             "its header says {} x {} pixels, more than the {MAX_SIDE} a side that programs can show",
             size.width, size.height
         )),
-        Ok(_) if !end_mark.is_empty() && !tail.windows(end_mark.len()).any(|w| w == end_mark) => {
-            Some("its end is missing; it was cut off".to_owned())
-        }
-        Ok(_) => None,
+        Ok(_) if end_mark.is_empty() || tail.windows(end_mark.len()).any(|w| w == end_mark) => None,
+        // Cameras and phones append films and further pictures.
+        Ok(_) if ending == "jpg" && ends_within(&head, file, offset..offset + n_bytes)? => None,
+        Ok(_) => Some("its end is missing; it was cut off".to_owned()),
     };
     let side = |n: usize| u32::try_from(n).ok().filter(|&n| n > 0);
     let size = found.ok().and_then(|size| Some([side(size.width)?, side(size.height)?]));
     let is_too_large = size.is_some_and(|size| size.iter().any(|&n| n as usize > MAX_SIDE));
     let decoder_pixel_bytes = decoder_pixel_bytes(&head, ending);
     Ok(ImageFacts { n_bytes, mime, ending, size, decoder_pixel_bytes, is_too_large, fault })
+}
+
+/// Returns whether the end mark of a JPEG follows somewhere behind the beginning of its pixels, in which no mark can be.
+fn ends_within(head: &[u8], file: &RawFile, bytes: Range<u64>) -> Result<bool, String> {
+    const PIXELS: u8 = 0xda;
+    let mut at = 2;
+    while let Some(&[0xff, marker, high, low, ..]) = head.get(at..) {
+        at += 2 + usize::from(u16::from_be_bytes([high, low]));
+        if marker == PIXELS {
+            let (mut found, mut last) = (false, 0);
+            let each = |piece: &[u8]| {
+                found |= last == 0xff && piece.first() == Some(&0xd9);
+                found |= piece.windows(2).any(|pair| pair == b"\xff\xd9");
+                last = piece.last().copied().unwrap_or(last);
+                Ok(())
+            };
+            let pixels = (bytes.start + at as u64).min(bytes.end)..bytes.end;
+            file.each_piece(pixels, COPY_BYTES, each).map_err(|error| error.to_string())?;
+            return Ok(found);
+        }
+    }
+    Ok(false)
+}
+
+/// Returns whether the pixels of an image have opacity, by its header.
+fn has_opacity(data: &ImageData) -> bool {
+    let head = match data {
+        ImageData::Inside(part) => {
+            let mut head = vec![0; part.n_bytes.min(HEAD_BYTES) as usize];
+            part.file.read_exact_at(&mut head, part.offset).map(|()| head)
+        }
+        ImageData::File(path) => RawFile::open(path).and_then(|file| {
+            let mut head = vec![0; file.len().min(HEAD_BYTES) as usize];
+            file.read_exact_at(&mut head, 0).map(|()| head)
+        }),
+    };
+    let Ok(head) = head else { return false };
+    match imagesize::image_type(&head) {
+        Ok(imagesize::ImageType::Png) => {
+            let pixels = head.windows(4).position(|name| name == b"IDAT").unwrap_or(head.len());
+            matches!(head.get(25), Some(4 | 6))
+                || head[..pixels].windows(4).any(|name| name == b"tRNS")
+        }
+        Ok(imagesize::ImageType::Webp) => match head.get(12..16) {
+            Some(b"VP8X") => head.get(20).is_some_and(|flags| flags & 0x10 != 0),
+            Some(b"VP8L") => head.get(24).is_some_and(|flags| flags & 0x10 != 0),
+            _ => false,
+        },
+        Ok(imagesize::ImageType::Tga) => head.get(16) == Some(&32),
+        _ => false,
+    }
 }
 
 /// Bytes of a pixel that a decoder holds beside the four of the finished one, as far as the head of the file tells.
@@ -160,6 +212,15 @@ fn jpeg_pixel_bytes(head: &[u8]) -> u64 {
 }
 
 impl Materials {
+    /// Returns whether the colour image of a material has opacity, which no other image says.
+    pub(crate) fn has_clear_base(&self, material: &Material) -> bool {
+        let map = |kind: MapKind| material.map(kind).map(|map| (map.image, &map.options));
+        let base = map(MapKind::Base);
+        let opacity = map(MapKind::Opacity);
+        (opacity.is_none() || opacity == base)
+            && base.is_some_and(|(image, _)| has_opacity(&self.images[image].data))
+    }
+
     /// Names of the images; with `missing` only of those that cannot be read.
     pub fn image_names(&self, missing: bool) -> Vec<String> {
         let is_wanted = |image: &&Image| !missing || look(&image.data).is_err();

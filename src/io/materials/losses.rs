@@ -45,6 +45,11 @@ pub(super) fn enter(kind: OutputKind, materials: &Materials, losses: &mut Ledger
             losses.lose(loss.example(format!("material '{}'", material.name)));
         };
         for map in &material.maps {
+            // Where it is the opacity of the colour image, that holds it.
+            let is_held = map.kind == MapKind::Opacity && materials.has_clear_base(material);
+            if kind == OutputKind::Glb && is_held {
+                continue;
+            }
             if !holds(kind, map.kind) {
                 lose(LossKind::Images, map.kind.name(), !keeps_an_image);
             } else if kind == OutputKind::Glb && map.place().has_others
@@ -58,7 +63,7 @@ pub(super) fn enter(kind: OutputKind, materials: &Materials, losses: &mut Ledger
                 lose(LossKind::Images, &what, false);
             }
         }
-        for (what, holders) in traits(material) {
+        for (what, holders) in traits(material, || materials.has_clear_base(material)) {
             if !holders.contains(&kind) {
                 let [r, g, b, _] = material.base;
                 let is_colour = what == COLOUR;
@@ -78,7 +83,7 @@ pub(super) fn enter(kind: OutputKind, materials: &Materials, losses: &mut Ledger
 /// Colours and lines of a material that are neither in its images nor in what all pages of a bake have in common.
 pub fn besides_pages(material: &Material) -> Vec<String> {
     const OWN: [&str; 3] = ["ambient colour", "highlights", EMITTED];
-    let colours = traits(material).into_iter().map(|(what, _)| what);
+    let colours = traits(material, || false).into_iter().map(|(what, _)| what);
     let mut found: Vec<String> =
         colours.filter(|what| OWN.contains(what)).map(str::to_owned).collect();
     for line in telling_lines(material) {
@@ -98,22 +103,24 @@ fn telling_lines(material: &Material) -> impl Iterator<Item = &str> {
 }
 
 /// Colours and flags of a material that say something, and the kinds of output that hold them.
-fn traits(material: &Material) -> Vec<(&'static str, &'static [OutputKind])> {
+fn traits(
+    material: &Material,
+    has_clear_base: impl Fn() -> bool,
+) -> Vec<(&'static str, &'static [OutputKind])> {
     use OutputKind::{Glb, Obj};
     let [r, g, b, opacity] = material.base;
     let is = |colour: Option<[f32; 3]>, usual: &[[f32; 3]]| {
         colour.is_some_and(|colour| !usual.contains(&colour))
     };
     // Whether the image of an opaque material has opacity, which does not count, is not known before it is decoded.
-    let has_clear_base = matches!(material.alpha, Alpha::Blend | Alpha::Mask(_))
-        && material.map(MapKind::Base).is_some();
+    let is_clear = matches!(material.alpha, Alpha::Blend | Alpha::Mask(_)) && has_clear_base();
     let is_matt = material.metallic.is_none_or(|x| x == 0.0 || x == 1.0)
         && material.roughness.is_none_or(|x| x == 1.0);
     let highlights = is(material.specular, &[[0.0; 3]]);
     let found: [(&str, &[OutputKind], bool); 9] = [
         (COLOUR, &[Obj, Glb], [r, g, b] != [1.0; 3]),
         ("opacity", &[Obj, Glb], opacity != 1.0),
-        ("opacity of the colour image", &[Glb], has_clear_base),
+        ("opacity of the colour image", &[Obj, Glb], is_clear),
         ("ambient colour", &[Obj], is(material.ambient, &[[0.0; 3], [1.0; 3], [r, g, b]])),
         ("highlights", &[Obj], highlights),
         (EMITTED, &[Obj, Glb], is(material.emissive, &[[0.0; 3]])),

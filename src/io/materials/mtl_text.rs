@@ -1,6 +1,6 @@
 //! Material libraries (MTL) as text.
 
-use super::description::Materials;
+use super::description::{Alpha, MapKind, Materials};
 use super::mtl::MAPS;
 use std::fmt::Write;
 
@@ -49,6 +49,11 @@ pub(super) fn library(materials: &Materials, names: &[Option<String>]) -> String
             let options = map.library_options();
             let gap = if options.is_empty() { "" } else { " " };
             let _ = writeln!(out, "{word}{gap}{options} {name}");
+            let is_clear = matches!(material.alpha, Alpha::Blend | Alpha::Mask(_));
+            if kind == MapKind::Base && is_clear && materials.has_clear_base(material) {
+                // Programs that read no opacity out of the colour image read this.
+                let _ = writeln!(out, "map_d{gap}{options} {name}");
+            }
         }
     }
     out

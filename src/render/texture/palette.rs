@@ -7,7 +7,7 @@ use super::purpose::{BESIDE, Meaning, Purpose, SEEN, SURFACE, meaning};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use stonecut_io::materials::{
-    EMITTED, ImageData, Map, MapKind, Material, Materials, all_missing, besides_pages,
+    Alpha, EMITTED, ImageData, Map, MapKind, Material, Materials, all_missing, besides_pages,
     look_at_image,
 };
 use stonecut_mesh::oklab::linear_of_srgb;
@@ -300,7 +300,7 @@ impl Palette {
         let is_mixed_metal = is_mixed(|m| m.metallic) || is_mixed(|m| m.roughness);
         let differ = [
             ("metal and roughness", is_mixed_metal && !beside.surface),
-            ("cut-off of opacity", is_mixed(|m| m.alpha.cutoff())),
+            ("cut-off of opacity", is_mixed(|m| m.alpha.cutoff()) && self.common_mask().is_none()),
             ("independence of light", is_mixed(|m| m.unlit.then_some(1.0))),
         ];
         let mut lost: BTreeMap<String, (u64, String)> = BTreeMap::new();
@@ -412,6 +412,13 @@ impl Palette {
         self.materials.iter().all(is_same).then_some(first)
     }
 
+    /// The value from which on all materials are opaque, those with a mask and those that are opaque anyway.
+    fn common_mask(&self) -> Option<f32> {
+        let mut all = self.materials.iter().filter(|material| material.alpha != Alpha::Opaque);
+        let first = all.next()?.alpha.cutoff()?;
+        all.all(|material| material.alpha.cutoff() == Some(first)).then_some(first)
+    }
+
     /// Look of the pages.
     pub fn finish(&self, has_alpha: bool) -> Finish {
         fn same<T: PartialEq + Copy>(mut all: impl Iterator<Item = Option<T>>) -> Option<T> {
@@ -419,7 +426,7 @@ impl Palette {
             all.all(|x| x == Some(first)).then_some(first)
         }
         let list = &self.materials;
-        let mask = same(list.iter().map(|material| material.alpha.cutoff()));
+        let mask = self.common_mask();
         let base = self.common_base().unwrap_or([1.0; 4]);
         let is_clear = has_alpha || base[3] < 1.0;
         Finish {
@@ -457,8 +464,23 @@ mod tests {
     use super::*;
     use crate::texture::WantedMaps;
     use std::sync::Arc;
-    use stonecut_io::materials::{Alpha, Image, Part};
+    use stonecut_io::materials::{Image, Part};
     use stonecut_io::ply::raw::RawFile;
+
+    #[test]
+    fn opaque_materials_keep_the_mask_of_others() {
+        let mask = |list: &[Alpha]| {
+            let mut materials = Materials::default();
+            let material = |alpha: &Alpha| Material { alpha: *alpha, ..Material::default() };
+            materials.list = list.iter().map(material).collect();
+            let palette = Palette::new(Some(&materials), Purpose::Bake(WantedMaps::default()));
+            let finish = palette.finish(true);
+            (finish.mask, finish.blends)
+        };
+        assert_eq!(mask(&[Alpha::Opaque, Alpha::Mask(0.4), Alpha::Opaque]), (Some(0.4), false));
+        assert_eq!(mask(&[Alpha::Mask(0.5), Alpha::Mask(0.4)]), (None, true));
+        assert_eq!(mask(&[Alpha::Blend, Alpha::Mask(0.4)]), (None, true));
+    }
 
     /// A glTF material without `alphaMode` and one with a mask share an image with opacity.
     #[test]
