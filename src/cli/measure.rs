@@ -14,7 +14,10 @@ use crate::measure::plan::MeasurePlan;
 use crate::measure::{
     self, Certificate, Certify, LEAST_TOLERANCE, On, Options, Region, Side, TriangleSizes, heatmap,
 };
+use crate::mesh::bounds::Bounds;
+use crate::mesh::placing::Placing;
 use crate::mesh::topology_counts::Topology;
+use crate::mesh::vec3::{add, length_sq, sub};
 use crate::render::{Picture, Resources};
 use crate::system::disk::{Disk, folder_of};
 use crate::system::made::Made;
@@ -194,6 +197,39 @@ fn write_report(
     Ok(json)
 }
 
+/// Moves one of two meshes that count from different places, as they say themselves, unless that leads them apart.
+fn count_from_one_place([a, b]: [&mut MeshSource; 2], progress: &Progress) -> Result<()> {
+    let [of_a, of_b] = [&*a, &*b].map(|mesh| mesh.offset().unwrap_or([0.0; 3]));
+    if of_a == of_b {
+        return Ok(());
+    }
+    // Away from the origin, where floats are coarse, nothing is moved.
+    let is_a = length_sq(of_a) <= length_sq(of_b);
+    let (moved, fixed, shift) =
+        if is_a { (a, b, sub(of_a, of_b)) } else { (b, a, sub(of_b, of_a)) };
+    let bounds = |mesh: &MeshSource| {
+        let mut bounds = Bounds::EMPTY;
+        mesh.each_vertex(|_, row| {
+            bounds.add(mesh.schema().position(row));
+            Ok(())
+        })?;
+        Ok::<_, Error>(bounds)
+    };
+    let (before, other) = (bounds(moved)?, bounds(fixed)?);
+    let after = Bounds { low: add(before.low, shift), high: add(before.high, shift) };
+    if after.gap_sq(&other) > before.gap_sq(&other) {
+        return Ok(());
+    }
+    let [x, y, z] = shift;
+    progress.note(format!(
+        "{} is moved by {x} {y} {z}, since the two count from different places",
+        moved.path().display()
+    ));
+    let mut placing = Placing::default();
+    placing.shift(shift);
+    moved.place(&placing)
+}
+
 /// Measures, and writes the heatmap; the report is left to the caller.
 fn report(args: &Args, session: &mut Session) -> Result<Report> {
     let progress = session.progress;
@@ -209,7 +245,8 @@ fn report(args: &Args, session: &mut Session) -> Result<Report> {
         let first = super::arguments::open_mesh(&args.meshes.input, &temp_dir, args.memory)?;
         Ok([first, super::arguments::open_mesh(&args.meshes.output, &temp_dir, args.memory)?])
     });
-    let [original, simplified] = opened?;
+    let [mut original, mut simplified] = opened?;
+    count_from_one_place([&mut original, &mut simplified], progress)?;
     let memory_bytes = memory_budget(args.memory);
     let means = (memory_bytes, threads);
     if args.appearance {

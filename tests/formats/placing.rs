@@ -1,7 +1,7 @@
 //! Placing of an input before all else: `--up`, `--scale`, `--translate`, `--transform`, `--recentre`.
 
 use crate::common::meshes::ply_text;
-use crate::common::{expect, glb_json, json, printed, run, scratch};
+use crate::common::{expect, glb_json, json, printed, rms, run, scratch};
 use std::path::Path;
 
 /// A tower of a quadrilateral and a triangle, 10 high along y, with normals along x, at `shift`.
@@ -97,6 +97,11 @@ fn an_offset_is_subtracted_and_written_down() {
     let (head, rows) = shown(folder, "out.ply");
     assert!(head.contains(&format!("comment {wanted}")), "{head}");
     assert!(near(&rows[4][..3], &[0.75, 0.5, 2.0]), "{:?}", rows[4]);
+    assert!(rms(folder, "in.ply", "out.ply") < 1e-9);
+    // Once more: one comment with the sum, and the same place.
+    expect(folder, "convert out.ply again.ply --translate 30,0,0 --recentre", 0);
+    let (head, _) = shown(folder, "again.ply");
+    assert!(head.matches("offset: ").count() == 1 && !head.contains(wanted), "{head}");
     expect(folder, "convert in.ply out.obj --recentre", 0);
     let text = std::fs::read_to_string(folder.join("out.obj")).unwrap();
     assert!(text.contains(&format!("# {wanted}")), "{text}");

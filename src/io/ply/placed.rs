@@ -65,7 +65,10 @@ impl Placed {
             comments.push(offset_comment(turned));
         }
         if placing.recentres {
-            comments.push(offset_comment(offset));
+            // One comment: whoever adds one of two would be off by the other.
+            let before = offset_in(&comments).unwrap_or_default();
+            comments.retain(|comment| offset_of(comment).is_none());
+            comments.push(offset_comment([0, 1, 2].map(|k| before[k] + offset[k])));
         }
         Some(Placed {
             of_normals: placing.of_normals(),
