@@ -104,9 +104,9 @@ impl Rounding {
         }
     }
 
-    /// True if neighbours fall together: a step is as long as the mean edge.
+    /// True if the surface becomes stairs: a step is half as long as the mean edge.
     pub(super) fn is_ruinous(&self) -> bool {
-        self.n_edges > 0 && self.step() >= self.edges / self.n_edges as f64
+        self.n_edges > 0 && 2.0 * self.step() >= self.edges / self.n_edges as f64
     }
 
     /// A line on the rounding, if it is more than a thousandth of the mean edge, or many triangles are thinner than it.

@@ -16,6 +16,7 @@ use crate::io::{
 use crate::render::texture::plan_textures as plan_with_png;
 use crate::stages::write::REACH;
 use crate::store::job::fingerprint::{input_marks, marks_beside, unchanged};
+use crate::store::shape::NORMAL;
 use crate::system::disk::folder_of;
 use crate::system::pending_file::Seen;
 use std::collections::BTreeMap;
@@ -42,11 +43,15 @@ pub struct Prepared {
 
 /// The settings with everything decided that was left to the program: a new texture begins where the old one is given up.
 ///
-/// `has_normals` if a new texture has normal maps.
-fn settled(config: &Config, texture: Texture, has_normals: bool) -> Config {
+/// `has_maps` if a new texture has normal maps, `has_normals` if the vertices have normals.
+fn settled(config: &Config, texture: Texture, has_maps: bool, has_normals: bool) -> Config {
     let drop_texture = config.drop_texture || texture == Texture::Bake;
     let mut settled = Config { texture, drop_texture, ..config.clone() };
-    if texture == Texture::Bake && has_normals {
+    if config.kernel.orient && has_normals && config.attributes.normals == Normals::Keep {
+        // Those of what is turned over would point inwards.
+        settled.attributes.normals = Normals::Recompute;
+    }
+    if texture == Texture::Bake && has_maps {
         settled.bake.normals = true;
         // Directions in a normal map lean on the normals that the result itself has.
         settled.attributes.normals = Normals::Recompute;
@@ -66,7 +71,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let seams = config.checks.seams.as_deref().map(Seen::new);
     let (mut marks, stage) = before_opening(config)?;
     let (mut texture, mut bake_need, mut retry) = (Texture::Keep, BakeNeed::default(), None);
-    let mut has_normals = false;
+    let (mut has_maps, mut has_normals) = (false, false);
     let mut bake_room = Ok(());
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
         config.named_outputs().try_for_each(|output| source.refuse_output(output))?;
@@ -76,8 +81,9 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
             let config = config.clone();
             retry = Some(Box::new(Config { texture: Texture::Bake, job, ..config }));
         }
-        has_normals = texture == Texture::Bake && bake::has_normals(&source, config)?;
-        let config = &settled(config, texture, has_normals);
+        has_maps = texture == Texture::Bake && bake::has_normals(&source, config)?;
+        has_normals = NORMAL.iter().all(|name| source.schema().own_property(name).is_some());
+        let config = &settled(config, texture, has_maps, has_normals);
         if texture == Texture::Bake {
             let is_ours =
                 !config.job.restart && has_begun_to_write(&config.job_folder, &config.output);
@@ -111,7 +117,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     });
     let source = unchanged(&config.input, &marks, source)?;
     marks.extend(marks_beside(&source));
-    let config = settled(config, texture, has_normals);
+    let config = settled(config, texture, has_maps, has_normals);
     config.targets().try_for_each(|target| target.check(source.n_triangles()))?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     config.attributes.weights.check(&codec.channel_kinds(source.schema())).map_err(Error::Usage)?;

@@ -6,7 +6,7 @@ use stonecut_mesh::property::{Origin, Property, REACH, Scalar, write_scalar};
 use stonecut_mesh::record::VertexSchema;
 
 /// The components of a normal.
-const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
+pub const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
 
 /// Plan of turning records into records of the output.
 pub struct Shape {

@@ -5,6 +5,8 @@
 //! `Error::advice` puts it into words for a command. Faults of our own making are `assert!`s; only where a run
 //! would lose its end through one is it caught and becomes `Internal`.
 
+use crate::memory::{budget_bytes, limit_bytes};
+use crate::units::show_bytes;
 use std::path::{Path, PathBuf};
 
 /// The result of everything in this crate that can fail.
@@ -224,6 +226,18 @@ impl Error {
             Error::Io { source, .. } if is_out_of_descriptors(source) => {
                 Some(format!("raise the limit on open files (ulimit -n 256) and {again}"))
             }
+            Error::NoMemory(_) => {
+                let limit = limit_bytes();
+                let most = budget_bytes(Some(u64::MAX), limit);
+                let is_beyond = self.named_memory().is_some_and(|bytes| bytes > most);
+                let [most, limit] = [most, limit].map(show_bytes);
+                is_beyond.then(|| {
+                    format!(
+                        "no more than {most} can be given here, since the machine or the control group allows {limit}: \
+                         raise that limit"
+                    )
+                })
+            }
             Error::Interrupted { .. } | Error::Internal(_) if offers.resumes => {
                 Some(format!("what is done is kept: {again}"))
             }
@@ -353,6 +367,9 @@ mod tests {
         assert_eq!(said(vec![usage(), no_memory("1GiB")]), "first");
         assert!(said(vec![no_memory("1GiB"), usage()]).contains("1GiB"));
         assert!(Error::first_of([Ok(()), Ok(())]).is_ok());
+        let advice = |size: &str| no_memory(size).unwrap_err().remedy();
+        assert!(advice("1000TiB").unwrap().contains("raise that limit"));
+        assert_eq!(advice("1MiB"), None);
     }
 
     #[test]

@@ -161,6 +161,21 @@ fn a_body_inside_out_is_turned_in_one_cell_and_said_in_many() {
     let command = "simplify in.ply o.ply --ratio 100% --orient --force --report r.json";
     expect(at, command, 0);
     assert_eq!(count(&report(at)["solid"], "bodies_inside_out"), 0);
+    // Its normals turn with it.
+    expect(at, "simplify in.ply n.ply --ratio 100% --normals recompute", 0);
+    expect(at, "simplify n.ply m.ply --ratio 100% --orient", 0);
+    let source = stonecut::io::ply::MeshSource::open(&at.join("m.ply")).unwrap();
+    let mut outermost = (0.0, 0.0);
+    let each = |_: u64, record: &[u8]| {
+        let x = source.schema().position(record)[0];
+        let nx = record[source.schema().position_bytes()..].first_chunk().unwrap();
+        if x > outermost.0 {
+            outermost = (x, f32::from_le_bytes(*nx));
+        }
+        Ok(())
+    };
+    source.each_vertex(each).unwrap();
+    assert!(outermost.1 > 0.9, "{outermost:?}");
     let said = expect(at, &format!("{command} --cell-triangles 1000"), 3);
     assert!(said.contains("1 closed bodies inside out"), "{said}");
     assert_eq!(report(at)["solid"]["met"], false);

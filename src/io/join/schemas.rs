@@ -199,6 +199,12 @@ impl Conversion {
                 Some(from) if from.scalar == *scalar => {
                     place.copy_from_slice(&row[from.at..from.at + scalar.bytes()]);
                 }
+                // Doubles hold 53 bits of them.
+                Some(Source { scalar: Scalar::U64, at, .. }) if *scalar == Scalar::I64 => {
+                    let bytes = row[*at..].first_chunk().copied().unwrap_or_default();
+                    let value = u64::from_le_bytes(bytes).min(i64::MAX as u64);
+                    place.copy_from_slice(&value.to_le_bytes());
+                }
                 Some(from) => {
                     let value = read_scalar(from.scalar, row, from.at) * from.scale;
                     write_scalar(*scalar, place, 0, value);
@@ -237,6 +243,14 @@ mod tests {
         row.clear();
         union.conversion(&diffuse).unwrap().put(&[255, 51, 0], &mut row);
         assert_eq!(read_scalar(Scalar::F32, &row, 0), 1.0);
+        let mut times = SchemaUnion::default();
+        let unsigned = [Property::new("time", Scalar::U64)];
+        times.add(&unsigned);
+        times.add(&[Property::new("time", Scalar::I64)]);
+        row.clear();
+        let time = (1u64 << 62) + 1;
+        times.conversion(&unsigned).unwrap().put(&time.to_le_bytes(), &mut row);
+        assert_eq!(row, time.to_le_bytes());
         let line = "quality of vertices: 1 of 2 files are without, and get neutral values";
         assert_eq!(union.lacking("vertices"), [line]);
         assert_eq!(widest(Scalar::I32, Scalar::F32), Scalar::F64);

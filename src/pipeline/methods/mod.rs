@@ -16,7 +16,7 @@ use crate::config::{Config, Method, Target};
 use crate::error::{Error, Result};
 use crate::io::materials::{MapKind, Materials};
 use crate::io::ply::{MeshSource, type_name};
-use crate::io::{check_range, find_texture};
+use crate::io::{check_range, find_texture, survey_labels};
 use crate::mesh::face_properties::FacePolicy;
 use crate::mesh::outward::volume;
 use crate::mesh::vec3::{length_sq, sub};
@@ -74,7 +74,7 @@ pub fn prepare(config: &Config, progress: &Progress) -> Result<PreparedMethod> {
 fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMethod> {
     let started = Instant::now();
     let (mut marks, stage) = before_opening(config)?;
-    let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
+    let source = MeshSource::open_staged(&config.input, &stage).and_then(|mut source| {
         source.refuse_output(&config.textures_beside)?;
         check_labels(&source, &config.attributes.labels)?;
         if !config.drop_texture {
@@ -88,6 +88,7 @@ fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMet
                 ));
             }
         }
+        survey_labels(&mut source, &config.attributes.labels)?;
         Ok(source)
     });
     let source = unchanged(&config.input, &marks, source)?;

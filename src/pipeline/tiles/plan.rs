@@ -8,7 +8,7 @@ use crate::bake::{
 };
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
-use crate::io::{StageOptions, WeldOptions};
+use crate::io::{StageOptions, WeldOptions, survey_labels};
 use crate::kernel::two_digits_up;
 use crate::mesh::record::VertexSchema;
 use crate::pipeline::plan::disk::check_space;
@@ -167,7 +167,10 @@ pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
     stage.threads = config.threads;
     let (how, exact_above) = (config.weld, config.tile_triangles);
     stage.weld = Some(WeldOptions { how, exact_above, labels: Vec::new(), keeps_numbers: false });
-    let source = MeshSource::open_staged(&config.input, &stage);
+    let source = MeshSource::open_staged(&config.input, &stage).and_then(|mut source| {
+        survey_labels(&mut source, &[])?;
+        Ok(source)
+    });
     let source = unchanged(&config.input, &marks, source)?;
     marks.extend(marks_beside(&source));
     let textured = is_textured(&source, config)?;
