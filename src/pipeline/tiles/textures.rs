@@ -18,6 +18,7 @@ use crate::io::tileset::encode_borders;
 use crate::io::{StageOptions, TileScalar};
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
+use crate::mesh::morton::spread;
 use crate::stages::tiles::{
     Places, border_name, encode_with_page, put_file, read_shapes, tile_path,
 };
@@ -47,6 +48,19 @@ struct Unit {
     tiles: Vec<(Bounds, u64)>,
     /// Tiles of the tree before it.
     before: u32,
+}
+
+impl Unit {
+    fn bounds(&self) -> Bounds {
+        self.tiles.iter().fold(Bounds::EMPTY, |all, (bounds, _)| all.joined(bounds))
+    }
+
+    /// The Morton code of its middle among `all`.
+    fn place_on_curve(&self, all: &Bounds) -> u32 {
+        let (own, side) = (self.bounds(), 2.0 * all.diagonal());
+        let step = |k: usize| 1023.0 * (own.low[k] + own.high[k] - 2.0 * all.low[k]) / side;
+        (0..3).map(|k| spread(step(k) as u32) << k).sum()
+    }
 }
 
 /// A tile with its page.
@@ -164,7 +178,8 @@ pub(super) fn paint(
     Ok(report)
 }
 
-/// All cells with tiles, level by level, the top last.
+/// All cells with tiles, level by level, the top last; in each along a curve through space, so that one mostly shows the images of the
+/// one before, which are decoded already.
 fn units(rounds: &[Vec<GroupRecord>], top: &TileRecord, origin: [f64; 3]) -> Vec<Unit> {
     let tiles = |records: &[TileRecord]| {
         let bounds = |tile: &TileRecord| {
@@ -176,10 +191,13 @@ fn units(rounds: &[Vec<GroupRecord>], top: &TileRecord, origin: [f64; 3]) -> Vec
     let mut units = Vec::new();
     let mut before = 0;
     for (level, round) in (0u32..).zip(rounds) {
+        let first = units.len();
         for (cell, record) in CellId::first(round.len()).zip(round) {
             units.push(Unit { level, cell, tiles: tiles(&record.tiles), before });
             before += record.tiles.len() as u32;
         }
+        let all = units[first..].iter().map(Unit::bounds).fold(Bounds::EMPTY, |a, b| a.joined(&b));
+        units[first..].sort_by_key(|unit| unit.place_on_curve(&all));
     }
     let (level, tiles) = (rounds.len() as u32, tiles(std::slice::from_ref(top)));
     units.push(Unit { level, cell: CellId(0), tiles, before });
@@ -236,8 +254,7 @@ impl Work<'_> {
         step: f64,
         (units, done): (&[Unit], &[PaintedCell]),
     ) -> Vec<PagedTile> {
-        let around =
-            unit.tiles.iter().fold(Bounds::EMPTY, |around, (bounds, _)| around.joined(bounds));
+        let around = unit.bounds();
         let below = || units.iter().zip(done).filter(|(below, _)| below.level + 1 == unit.level);
         let boxes = below().flat_map(|(below, _)| &below.tiles);
         let least_sq = boxes.map(|(own, _)| own.gap_sq(&around)).fold(f64::INFINITY, f64::min);
