@@ -88,18 +88,24 @@ fn a_surface_of_long_triangles_names_enough_for_their_pieces() {
     is_not_refused(at, command, &said);
 }
 
+/// The size that a refusal advises to make a picture of.
+fn size_in(said: &str) -> &str {
+    let rest = said.split("or make it ").nth(1).unwrap_or_else(|| panic!("{said}"));
+    rest.split(|c: char| !c.is_ascii_alphanumeric()).next().unwrap()
+}
+
 /// The memory of a picture is known before anything is read.
 #[test]
 fn a_picture_beyond_the_memory_is_refused_with_a_size_that_fits() {
     let at = &scratch();
     expect(at, "synth statue in.ply --triangles 2k", 0);
     let said = expect(at, "render in.ply -o p.png --size 16000x16000 --memory 1GiB", 6);
-    let size = said.split("or make it ").nth(1).unwrap_or_else(|| panic!("{said}")).trim();
+    let size = size_in(&said);
     let (width, height) = size.split_once('x').unwrap();
     let sides = [width, height].map(|n| n.parse::<u32>().unwrap());
     assert!(sides.iter().all(|n| (1000..3000).contains(n)), "{said}");
     let said = expect(at, "render in.ply -o p.png --size 200x100 --memory 30MiB", 6);
-    let size = said.split("or make it ").nth(1).unwrap_or_else(|| panic!("{said}")).trim();
+    let size = size_in(&said);
     expect(at, &format!("render in.ply -o p.png --size {size} --memory 30MiB"), 0);
 }
 
