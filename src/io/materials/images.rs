@@ -48,6 +48,8 @@ pub struct ImageFacts {
     pub size: Option<[u32; 2]>,
     /// Bytes of a pixel while it is decoded, at most, beside those of the finished one.
     pub decoder_pixel_bytes: u64,
+    /// True if its pixels have opacity, as far as the header of a PNG, WebP or TGA tells.
+    pub has_opacity: bool,
     /// True if a side is longer than programs can show.
     pub is_too_large: bool,
     /// Reason why other programs may refuse it.
@@ -119,8 +121,16 @@ pub fn look(data: &ImageData) -> Result<ImageFacts, String> {
     let side = |n: usize| u32::try_from(n).ok().filter(|&n| n > 0);
     let size = found.ok().and_then(|size| Some([side(size.width)?, side(size.height)?]));
     let is_too_large = size.is_some_and(|size| size.iter().any(|&n| n as usize > MAX_SIDE));
-    let decoder_pixel_bytes = decoder_pixel_bytes(&head, ending);
-    Ok(ImageFacts { n_bytes, mime, ending, size, decoder_pixel_bytes, is_too_large, fault })
+    Ok(ImageFacts {
+        n_bytes,
+        mime,
+        ending,
+        size,
+        decoder_pixel_bytes: decoder_pixel_bytes(&head, ending),
+        has_opacity: has_opacity(&head, ending),
+        is_too_large,
+        fault,
+    })
 }
 
 /// Returns whether the end mark of a JPEG follows somewhere behind the beginning of its pixels, in which no mark can be.
@@ -145,31 +155,20 @@ fn ends_within(head: &[u8], file: &RawFile, bytes: Range<u64>) -> Result<bool, S
     Ok(false)
 }
 
-/// Returns whether the pixels of an image have opacity, by its header.
-fn has_opacity(data: &ImageData) -> bool {
-    let head = match data {
-        ImageData::Inside(part) => {
-            let mut head = vec![0; part.n_bytes.min(HEAD_BYTES) as usize];
-            part.file.read_exact_at(&mut head, part.offset).map(|()| head)
-        }
-        ImageData::File(path) => RawFile::open(path).and_then(|file| {
-            let mut head = vec![0; file.len().min(HEAD_BYTES) as usize];
-            file.read_exact_at(&mut head, 0).map(|()| head)
-        }),
-    };
-    let Ok(head) = head else { return false };
-    match imagesize::image_type(&head) {
-        Ok(imagesize::ImageType::Png) => {
+/// Returns whether the pixels of an image have opacity, by the head of its file.
+fn has_opacity(head: &[u8], ending: &str) -> bool {
+    let byte = |at: usize| head.get(at).copied().unwrap_or(0);
+    match ending {
+        "png" => {
             let pixels = head.windows(4).position(|name| name == b"IDAT").unwrap_or(head.len());
-            matches!(head.get(25), Some(4 | 6))
-                || head[..pixels].windows(4).any(|name| name == b"tRNS")
+            matches!(byte(25), 4 | 6) || head[..pixels].windows(4).any(|name| name == b"tRNS")
         }
-        Ok(imagesize::ImageType::Webp) => match head.get(12..16) {
-            Some(b"VP8X") => head.get(20).is_some_and(|flags| flags & 0x10 != 0),
-            Some(b"VP8L") => head.get(24).is_some_and(|flags| flags & 0x10 != 0),
+        "webp" => match head.get(12..16) {
+            Some(b"VP8X") => byte(20) & 0x10 != 0,
+            Some(b"VP8L") => byte(24) & 0x10 != 0,
             _ => false,
         },
-        Ok(imagesize::ImageType::Tga) => head.get(16) == Some(&32),
+        "tga" => byte(16) == 32,
         _ => false,
     }
 }
@@ -218,7 +217,9 @@ impl Materials {
         let base = map(MapKind::Base);
         let opacity = map(MapKind::Opacity);
         (opacity.is_none() || opacity == base)
-            && base.is_some_and(|(image, _)| has_opacity(&self.images[image].data))
+            && base.is_some_and(|(image, _)| {
+                look(&self.images[image].data).is_ok_and(|facts| facts.has_opacity)
+            })
     }
 
     /// Names of the images; with `missing` only of those that cannot be read.
