@@ -239,6 +239,13 @@ fn textured_sheets_that_touch_are_taken_apart() {
     }
 }
 
+/// Adds a vertex in the middle between two; returns its number.
+fn add_middle(mesh: &mut Mesh, a: u32, b: u32) -> u32 {
+    let (p, q) = (mesh.positions[a as usize], mesh.positions[b as usize]);
+    mesh.positions.push([0, 1, 2].map(|k| 0.5 * (p[k] + q[k])));
+    mesh.positions.len() as u32 - 1
+}
+
 #[test]
 fn triangles_without_area_vanish_first() {
     // A vertex in the middle of an edge, so that the triangle over it has no area.
@@ -246,9 +253,7 @@ fn triangles_without_area_vanish_first() {
     let before = mesh.triangles.len();
     for i in (0..before).step_by(37) {
         let [a, b, c] = mesh.triangles[i];
-        let middle = mesh.positions.len() as u32;
-        let (p, q) = (mesh.positions[a as usize], mesh.positions[b as usize]);
-        mesh.positions.push([0, 1, 2].map(|k| 0.5 * (p[k] + q[k])));
+        let middle = add_middle(&mut mesh, a, b);
         mesh.triangles[i] = [middle, b, c];
         mesh.triangles.push([a, middle, c]);
         mesh.triangles.push([a, b, middle]);
@@ -388,16 +393,12 @@ fn triangles_without_area_are_cleaned_before_any_collapse() {
         let edge = 2 * (20 * (3 * i + 2) + 7);
         // The diagonal of the quad: from corner 0 to corner 2 of its first triangle.
         let [a, b, c] = mesh.triangles[edge];
-        let middle = mesh.positions.len() as u32;
-        let (p, q) = (mesh.positions[a as usize], mesh.positions[c as usize]);
-        mesh.positions.push([0, 1, 2].map(|k| 0.5 * (p[k] + q[k])));
+        let middle = add_middle(&mut mesh, a, c);
         mesh.triangles[edge] = [a, b, middle];
         mesh.triangles.extend([[middle, b, c], [a, middle, c]]);
     }
     let [a, b, c] = mesh.triangles[0];
-    let middle = mesh.positions.len() as u32;
-    let (p, q) = (mesh.positions[a as usize], mesh.positions[b as usize]);
-    mesh.positions.push([0, 1, 2].map(|k| 0.5 * (p[k] + q[k])));
+    let middle = add_middle(&mut mesh, a, b);
     mesh.triangles[0] = [a, middle, c];
     mesh.triangles.extend([[middle, b, c], [a, b, middle]]);
     for topology in [Topology::Keep, Topology::Error] {
@@ -417,9 +418,7 @@ fn triangles_without_area_that_hang_at_the_edges_of_a_closed_body_do_not_open_it
     let clean = mesh.triangles.len();
     for i in (0..clean).step_by(23) {
         let [a, b, _] = mesh.triangles[i];
-        let middle = mesh.positions.len() as u32;
-        let (p, q) = (mesh.positions[a as usize], mesh.positions[b as usize]);
-        mesh.positions.push([0, 1, 2].map(|k| 0.5 * (p[k] + q[k])));
+        let middle = add_middle(&mut mesh, a, b);
         mesh.triangles.push([a, b, middle]);
     }
     for topology in [Topology::Keep, Topology::Error] {
