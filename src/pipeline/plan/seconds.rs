@@ -44,7 +44,7 @@ const WITH_SEAMS: f64 = 8.0;
 /// Times as long under `--no-self-intersections`.
 const APART: f64 = 2.8;
 /// Times as long within a bound on the error (docs/results/bound.md).
-const BOUNDED: f64 = 30.0;
+const BOUNDED: f64 = 10.0;
 
 /// Shorter runs are not worth a piece that is simplified before.
 const SAMPLE_FROM: f64 = 0.5;
