@@ -12,6 +12,7 @@ use crate::error::Result;
 use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::{InputPaths, OutputFormat, OutputKind, StageOptions};
 use crate::mesh::codec::VertexCodec;
+use crate::mesh::property::Origin;
 use crate::methods::Made;
 use crate::store::job::fingerprint::job_identity;
 use crate::store::job::{Job, TRIALS};
@@ -29,7 +30,7 @@ use std::time::Instant;
 pub(super) struct DerivedRun<'a> {
     pub(super) job: Job,
     pub(super) disk: Disk,
-    /// The settings of the whole.
+    /// The settings of the whole; floats that are labels in the input are named in them.
     pub(super) config: &'a Config,
     pub(super) progress: &'a Progress,
     /// Fingerprint of the input.
@@ -52,7 +53,7 @@ pub(super) fn derive(
             return Ok(Some(report));
         }
         let job = Job::open(&config.job_folder, &disk, &identity, config.job.restart)?;
-        let run = DerivedRun { job, disk, config, progress, marks };
+        let run = DerivedRun { job, disk, config: &labelled(&source, config), progress, marks };
         let Some(mut report) = work(&run, source)? else { return Ok(None) };
         report.settings = identity.settings;
         // Of a method, the survey before the job counts.
@@ -63,6 +64,19 @@ pub(super) fn derive(
         verify::end(&run.job, config, progress, &mut report)?;
         Ok(Some(report))
     })
+}
+
+/// The settings, with the labels that a survey of the input has found: in a coarse mesh they may no longer look like ones.
+fn labelled(source: &MeshSource, config: &Config) -> Config {
+    let mut config = config.clone();
+    let found =
+        source.schema().properties.iter().filter(|p| p.is_patchy && p.origin == Origin::Vertex);
+    for name in found.map(|p| &p.name) {
+        if !config.attributes.labels.contains(name) {
+            config.attributes.labels.push(name.clone());
+        }
+    }
+    config
 }
 
 impl DerivedRun<'_> {

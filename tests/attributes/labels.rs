@@ -134,16 +134,18 @@ fn whole_floats_in_patches_are_labels() {
     });
     write(&at.join("f.ply"), &mesh, "float label", |v| bytes(f32::from(label(mesh.0[v]))));
     write(&at.join("m.ply"), &mesh, "float q", |v| bytes(0.5 * f32::from(label(mesh.0[v]))));
-    let result = |name: &str| {
-        expect(at, &format!("simplify {name}.ply out.ply --ratio 10% --force"), 0);
+    let result = |name: &str, how: &str| {
+        expect(at, &format!("simplify {name}.ply out.ply --ratio 10% --force --restart {how}"), 0);
         read(&at.join("out.ply"), 4)
     };
-    let ((points, labels, faces), (a, whole, b)) = (result("i"), result("f"));
-    assert_eq!((&points, &faces), (&a, &b));
-    let as_floats = labels.iter().map(|label| bytes(label[0].into()));
-    assert_eq!(as_floats.collect::<Vec<_>>(), whole);
+    for how in ["", "--pairs", "--optimize 2"] {
+        let ((points, labels, faces), (a, whole, b)) = (result("i", how), result("f", how));
+        assert_eq!((&points, &faces), (&a, &b), "{how}");
+        let as_floats = labels.iter().map(|label| bytes(label[0].into()));
+        assert_eq!(as_floats.collect::<Vec<_>>(), whole, "{how}");
+    }
     let known = [1.5, 4.5, 100.0].map(bytes);
-    assert!(result("m").1.iter().any(|q| !known.contains(q)), "halves are averaged");
+    assert!(result("m", "").1.iter().any(|q| !known.contains(q)), "halves are averaged");
 }
 
 #[test]
