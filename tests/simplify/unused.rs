@@ -55,3 +55,17 @@ fn a_vertex_far_away_that_no_face_uses_changes_nothing() {
         }
     }
 }
+
+/// Its one pass sees vertices before it knows the faces, so the box of a grid is that of all of them.
+#[test]
+fn a_grid_over_vertices_that_no_face_uses_says_what_to_do() {
+    let at = &scratch();
+    std::fs::write(at.join("far.ply"), sheet(&["0 0 0"])).unwrap();
+    let said = expect(at, "simplify far.ply out.ply --ratio 50% --method cluster", 3);
+    assert!(
+        said.contains("vertices without a face") && said.contains("stonecut convert"),
+        "{said}"
+    );
+    expect(at, "convert far.ply used.ply", 0);
+    expect(at, "simplify used.ply out.ply --ratio 50% --method cluster", 0);
+}

@@ -224,8 +224,8 @@ fn simplify_in_memory(
 fn nothing_left(config: &Config, made: &Made) -> Error {
     let what = match &made.report {
         MethodReport::Grid(GridReport { cell_size: size, .. }) => format!(
-            "no triangle has its corners in three cells of {size}; ask for more triangles, or give a smaller --grid; \
-             nothing was written"
+            "no triangle has its corners in three cells of {size}; ask for more triangles, or give a smaller --grid; where \
+             vertices without a face lie far away, leave them out first (stonecut convert); nothing was written"
         ),
         _ => "no triangle is left; nothing was written".to_owned(),
     };
