@@ -54,3 +54,27 @@ fn coordinates_beyond_floats_are_refused_before_the_work() {
     }
     expect(folder, "convert in.ply out.ply", 0);
 }
+
+/// Text of `float x` holds what its digits say: at map coordinates more than a float does.
+#[test]
+fn text_far_from_the_origin_is_not_rounded_to_floats() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let folder = dir.path();
+    let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                  element face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    // Digits of doubles far away; those of floats, short and in full; digits of doubles near the origin.
+    for (name, rows, is_double) in [
+        ("map", "512345.678 5412345.123 10\n512346.178 5412345.123 10\n512345.678 5412345.623 10.25\n", true),
+        ("short", "512345.7 5412345.5 10\n512346.2 5412345.5 10\n512345.7 5412346 10.25\n", false),
+        ("full", "512345.6875 5412345.5 10\n512346.1875 5412345.5 10\n512345.6875 5412346 10.25\n", false),
+        ("near", "0.123456789012 0.2 0.3\n1.1 0.2 0.3\n0.7 1.9 0.4\n", false),
+    ] {
+        std::fs::write(folder.join("in.ply"), format!("{header}{rows}3 0 1 2\n")).expect("written");
+        expect(folder, "convert in.ply out.ply --format ascii --force", 0);
+        let written = std::fs::read_to_string(folder.join("out.ply")).expect("read");
+        assert_eq!(written.contains("property double x"), is_double, "{name}: {written}");
+        if is_double {
+            assert!(written.contains("512345.678 5412345.123 10"), "{written}");
+        }
+    }
+}

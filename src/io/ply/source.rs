@@ -178,6 +178,7 @@ impl MeshSource {
             crossing: Mutex::default(),
             staged: Staged { notes, ..Staged::default() },
         };
+        source.survey_places();
         source.survey_colours();
         source.survey_doubles();
         source.give_up_names();
