@@ -116,7 +116,7 @@ impl MeshSource {
     }
 }
 
-/// Whether a number is a float, or one as it is written with as few digits as it needs.
+/// Looks whether a number is a float, or one as it is written with as few digits as it needs.
 fn is_of_a_float(value: f64) -> bool {
     let float = value as f32;
     f64::from(float) == value || float.to_string().parse() == Ok(value)
