@@ -64,9 +64,17 @@ fn text_far_from_the_origin_is_not_rounded_to_floats() {
                   element face 1\nproperty list uchar int vertex_indices\nend_header\n";
     // Digits of doubles far away; those of floats, short and in full; digits of doubles near the origin.
     for (name, rows, is_double) in [
-        ("map", "512345.678 5412345.123 10\n512346.178 5412345.123 10\n512345.678 5412345.623 10.25\n", true),
+        (
+            "map",
+            "512345.678 5412345.123 10\n512346.178 5412345.123 10\n512345.678 5412345.623 10.25\n",
+            true,
+        ),
         ("short", "512345.7 5412345.5 10\n512346.2 5412345.5 10\n512345.7 5412346 10.25\n", false),
-        ("full", "512345.6875 5412345.5 10\n512346.1875 5412345.5 10\n512345.6875 5412346 10.25\n", false),
+        (
+            "full",
+            "512345.6875 5412345.5 10\n512346.1875 5412345.5 10\n512345.6875 5412346 10.25\n",
+            false,
+        ),
         ("near", "0.123456789012 0.2 0.3\n1.1 0.2 0.3\n0.7 1.9 0.4\n", false),
     ] {
         std::fs::write(folder.join("in.ply"), format!("{header}{rows}3 0 1 2\n")).expect("written");
