@@ -481,3 +481,65 @@ fn files_that_overlap_hold_each_triangle_once() {
         std::fs::remove_dir_all(at.join("tiles")).unwrap();
     }
 }
+
+/// Writes four tiles of two sheets each, one below the other, whose squares of 0.156 have exact copies at common borders.
+fn sheets(folder: &Path, below: f64) {
+    const N: usize = 16;
+    std::fs::create_dir_all(folder).unwrap();
+    for tile in 0..4 {
+        let (mut text, mut n) = (String::new(), 0);
+        for sheet in [0.0, below] {
+            for i in 0..(N + 1) * (N + 1) {
+                let (x, y) = (i % (N + 1) + tile % 2 * N, i / (N + 1) + tile / 2 * N);
+                let z = 0.3 * (x as f64 * 0.3).sin() * (y as f64 * 0.2).cos() - sheet;
+                text +=
+                    &format!("v {:.6} {:.6} {z:.6}\n", x as f64 * 0.156_25, y as f64 * 0.156_25);
+            }
+            for i in 0..N * N {
+                let a = n + i / N * (N + 1) + i % N + 1;
+                let (b, c, d) = (a + 1, a + N + 1, a + N + 2);
+                text += &format!("f {a} {b} {d}\nf {a} {d} {c}\n");
+            }
+            n += (N + 1) * (N + 1);
+        }
+        std::fs::write(folder.join(format!("t_{tile}.obj")), text).unwrap();
+    }
+}
+
+#[test]
+fn what_is_near_within_a_file_is_another_place() {
+    let at = &scratch();
+    for below in ["0.004", "0.01"] {
+        sheets(&at.join("tiles"), below.parse().unwrap());
+        let found = info(at, "tiles --check");
+        let count = |key: &str| found[key].as_u64().unwrap();
+        let counts = ["components", "non_manifold_edges", "boundary_edges"].map(count);
+        assert_eq!(counts, [2, 0, 2 * 128], "{below}: {found}");
+    }
+}
+
+/// Equal vertices round equally, and say nothing of those that lie on edges.
+#[test]
+fn rounded_vertices_split_the_edges_that_they_were_on() {
+    let at = &scratch();
+    // Two strips along a line aslant; one has a vertex in the middle of each edge of the other.
+    let place = |t: f64, off: f64| [0.7 * t - 0.3 * off, 0.4 * t + 0.9 * off, 0.13 * t];
+    for (digits, name) in [(3, "a"), (4, "b"), (6, "c")] {
+        for (side, n) in [(1.0, 8), (-1.0, 16)] {
+            let mut text = String::new();
+            for i in 0..=n {
+                for off in [0.0, side] {
+                    let [x, y, z] = place(f64::from(i) * 2.0 / f64::from(n), off);
+                    text += &format!("v {x:.digits$} {y:.digits$} {z:.digits$}\n");
+                }
+            }
+            for i in 0..n {
+                let [a, b, c, d] = [1, 2, 3, 4].map(|k| 2 * i + k);
+                text += &format!("f {a} {c} {b}\nf {c} {d} {b}\n");
+            }
+            std::fs::write(at.join(format!("{name}{n}.obj")), text).unwrap();
+        }
+        let found = info(at, &format!("{name}8.obj {name}16.obj --check"));
+        assert_eq!(found["boundary_edges"].as_u64(), Some(8 + 16 + 4), "{name}: {found}");
+    }
+}

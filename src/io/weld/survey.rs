@@ -2,8 +2,9 @@
 //!
 //! A closed mesh has half as many vertices as triangles; each open edge adds half a vertex. So counts alone acquit nearly
 //! every scan. Otherwise one pass takes all vertices of some cells of a fine grid, chosen by hash, and looks for the
-//! nearest other vertex of each.
+//! nearest other vertex of each; of several files, of another file.
 
+use super::splits::ends_of_parts;
 use crate::borders::OpenBorders;
 use crate::open_edges::open_among;
 use crate::open_options::Weld;
@@ -30,6 +31,10 @@ const PARTS_SHARE_OF_EDGE: f64 = 0.25;
 /// Of copies that are rounded to steps at random the farthest are 1.6 times as far apart as 95 % are; files have their own steps
 /// besides, as large as their boxes make them.
 const PARTS_SPREAD: f64 = 4.0;
+/// A vertex that was put on an edge is this many steps of its digits away from it at most, since the ends are rounded, too.
+const STEPS_OFF_EDGE: f64 = 2.0;
+/// Steps above this share of the shorter edges are those of a lattice.
+const STEP_OF_EDGE: f64 = 0.02;
 /// Vertices in the sample, about, and in one cell at most.
 const SAMPLE: u64 = 1 << 16;
 const MOST_IN_CELL: usize = 512;
@@ -94,14 +99,15 @@ pub(super) fn survey(source: &MeshSource) -> Result<Option<Found>> {
     let limit = sample.limit(source, &edges);
     if !is_loose {
         // Copies in exactly one place are the kernel's; what an edge connects is a small triangle.
-        let near = sample.nearest(limit);
+        let near = sample.nearest(limit, |_, _| true);
         if !near.iter().any(|&(_, distance)| distance > 0.0) {
             return Ok(None);
         }
         sample.keep(&open_among(source, &sample.ids())?);
     }
     let n = sample.vertices.len();
-    let mut near: Vec<f64> = sample.nearest(limit).into_iter().map(|(_, d)| d).collect();
+    let near = sample.nearest(limit, |_, _| true);
+    let mut near: Vec<f64> = near.into_iter().map(|(_, d)| d).collect();
     near.sort_by(f64::total_cmp);
     let is_exact = near.last().is_none_or(|&far| far == 0.0);
     let enough = if is_loose { LOOSE_NEAR } else { OPEN_NEAR } * n as f64;
@@ -158,6 +164,7 @@ pub(super) fn of_parts(source: &MeshSource, borders: &OpenBorders, how: Weld) ->
     let found = Found { bounds, ..Found::default() };
     let Some(edges) = edges(source)? else { return Ok(found) };
     let limit = PARTS_SHARE_OF_EDGE * edges.short;
+    let floats = (4.0 * f64::from(f32::EPSILON) * largest(&bounds)).min(limit);
     let distance = match how {
         Weld::Off => 0.0,
         Weld::Distance(distance) => distance.min(ASKED_SHARE_OF_EDGE * edges.middle),
@@ -168,18 +175,24 @@ pub(super) fn of_parts(source: &MeshSource, borders: &OpenBorders, how: Weld) ->
                     Ok(())
                 })
             })?;
-            let mut near: Vec<f64> =
-                sample.nearest(0.5 * limit).into_iter().map(|(_, d)| d).collect();
+            // Within a file equal places are rounded alike, so that what is near is another place: a second sheet, a slit.
+            let ends = ends_of_parts(source);
+            let part = |v: u64| ends.partition_point(|&end| end <= v);
+            let near = sample.nearest(0.5 * limit, |a, b| part(a) != part(b));
+            let mut near: Vec<f64> = near.into_iter().map(|(_, d)| d).collect();
             near.sort_by(f64::total_cmp);
             let far = near.get(near.len() * 98 / 100).copied().unwrap_or(0.0);
-            let of_type = 4.0 * source.schema().rounding() * largest(&bounds);
-            (PARTS_SPREAD * far).max(of_type).min(limit)
+            let relative = source.schema().rounding();
+            let of_type = 4.0 * relative * largest(&bounds);
+            let distance = (PARTS_SPREAD * far).max(of_type).min(limit);
+            // A vertex on an edge has been computed, most often as a float, and then rounded, whatever its copies say.
+            let step = sample.decimal_step(relative * largest(&bounds));
+            let step = step.filter(|&step| step <= STEP_OF_EDGE * edges.short).unwrap_or(0.0);
+            let split_distance = distance.max(floats).max(STEPS_OFF_EDGE * step);
+            return Ok(Found { distance, split_distance, ..found });
         }
     };
-    // A vertex on an edge has been computed, most often as a float.
-    let floats = (4.0 * f64::from(f32::EPSILON) * largest(&bounds)).min(limit);
-    let split_distance = if how == Weld::Auto { distance.max(floats) } else { distance };
-    Ok(Found { distance, split_distance, ..found })
+    Ok(Found { distance, split_distance: distance, ..found })
 }
 
 /// Calls `each` with every vertex and its position.
@@ -261,13 +274,24 @@ impl Sample {
         (ROUNDING * diagonal + 8.0 * step).min(SHARE_OF_EDGE * edges.short)
     }
 
-    /// Vertices with another one within `limit`, and its distance.
-    fn nearest(&self, limit: f64) -> Vec<(u64, f64)> {
+    /// The step of the decimal digits that all coordinates have, of which `grain` is left; `None` if they are others.
+    fn decimal_step(&self, grain: f64) -> Option<f64> {
+        let is_one = |step: &f64| {
+            let off = |x: &f64| (x / step - (x / step).round()).abs() * step;
+            self.vertices.iter().flat_map(|(_, _, place)| place).all(|x| off(x) <= 4.0 * grain)
+        };
+        let steps =
+            (0..=9).map(|digits| 10f64.powi(-digits)).take_while(|&step| step > 64.0 * grain);
+        if self.vertices.is_empty() { None } else { steps.into_iter().find(is_one) }
+    }
+
+    /// Vertices with another one that `counts` within `limit`, and its distance.
+    fn nearest(&self, limit: f64, counts: impl Fn(u64, u64) -> bool) -> Vec<(u64, f64)> {
         let mut out = Vec::new();
         for cell in self.vertices.chunk_by(|a, b| a.0 == b.0) {
             let cell = &cell[..cell.len().min(MOST_IN_CELL)];
             for (i, a) in cell.iter().enumerate() {
-                let others = cell.iter().enumerate().filter(|&(k, _)| k != i);
+                let others = cell.iter().enumerate().filter(|&(k, b)| k != i && counts(a.1, b.1));
                 let nearest =
                     others.map(|(_, b)| length_sq(sub(a.2, b.2))).fold(f64::INFINITY, f64::min);
                 if nearest <= limit * limit {
@@ -281,7 +305,8 @@ impl Sample {
     /// A distance that would join most of the vertices, far below the length of edges.
     fn suggest(&self, edges: &EdgeLengths) -> Option<Suggested> {
         let limit = 0.5 * ASKED_SHARE_OF_EDGE * edges.short;
-        let mut near: Vec<f64> = self.nearest(limit).into_iter().map(|(_, d)| d).collect();
+        let near = self.nearest(limit, |_, _| true);
+        let mut near: Vec<f64> = near.into_iter().map(|(_, d)| d).collect();
         near.sort_by(f64::total_cmp);
         let is_most = 2 * near.len() > self.vertices.len();
         let distance = *near.get(near.len().saturating_sub(1) * 99 / 100)?;
