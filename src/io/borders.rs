@@ -34,23 +34,27 @@ pub(crate) struct BorderSpools {
     /// Number and position of each vertex, ascending.
     vertices: Spool,
     edges: Spool,
+    grain: f64,
 }
 
 /// Open edges of a mesh and the vertices at them.
 pub(crate) struct OpenBorders {
     vertices: RawFile,
     edges: RawFile,
+    /// Half a step of the coarsest coordinates of any part, by its own type: near ones may be floats and far ones doubles.
+    pub grain: f64,
     /// The box of each part, before the mesh is placed.
     pub boxes: Vec<Bounds>,
 }
 
 impl BorderSpools {
     pub fn new(options: &StageOptions) -> BorderSpools {
-        BorderSpools { vertices: options.spool(), edges: options.spool() }
+        BorderSpools { vertices: options.spool(), edges: options.spool(), grain: 0.0 }
     }
 
     /// Appends the borders of a part, whose vertices and faces come behind all others.
     pub fn append(&mut self, part: &OpenBorders, first_vertex: u64, first_row: u64) -> Result<()> {
+        self.grain = self.grain.max(part.grain);
         NumberRecords::new(&part.vertices)?.each(|[v, x, y, z]| {
             self.vertices.write(bytemuck::bytes_of(&[v + first_vertex, x, y, z]))
         })?;
@@ -62,7 +66,7 @@ impl BorderSpools {
 
     pub fn finish(self, source: &std::path::Path, boxes: Vec<Bounds>) -> Result<OpenBorders> {
         let (vertices, edges) = (self.vertices.finish(source)?, self.edges.finish(source)?);
-        Ok(OpenBorders { vertices, edges, boxes })
+        Ok(OpenBorders { vertices, edges, grain: self.grain, boxes })
     }
 }
 
@@ -120,7 +124,10 @@ impl OpenBorders {
             })?;
             out.put_open(sides)?;
             for (v, _) in (first..).zip(&sums).filter(|(_, sum)| **sum != 0) {
-                let place = positions.position(v)?.map(f64::to_bits);
+                let place = positions.position(v)?;
+                let far = place.iter().fold(0.0, |most, x| f64::max(most, x.abs()));
+                out.grain = out.grain.max(schema.rounding() * far);
+                let place = place.map(f64::to_bits);
                 out.vertices.write(bytemuck::bytes_of(&[v, place[0], place[1], place[2]]))?;
             }
             first = end;

@@ -543,3 +543,28 @@ fn rounded_vertices_split_the_edges_that_they_were_on() {
         assert_eq!(found["boundary_edges"].as_u64(), Some(8 + 16 + 4), "{name}: {found}");
     }
 }
+
+/// A file near the origin is read as floats, one far from it as doubles, which hold other places for the same digits.
+#[test]
+fn files_of_floats_and_of_doubles_meet() {
+    let at = &scratch();
+    std::fs::create_dir(at.join("tiles")).unwrap();
+    const SIDE: usize = 6;
+    for tile in 0..24 {
+        let mut text = String::new();
+        for i in 0..(SIDE + 1) * (SIDE + 1) {
+            let (x, y) = (tile * SIDE + i % (SIDE + 1), i / (SIDE + 1));
+            let [x, y] = [x, y].map(|n| n as f64 * 4.997);
+            text += &format!("v {x:.3} {y:.3} {:.3}\n", 3.0 * (0.1 * x).sin());
+        }
+        for i in 0..SIDE * SIDE {
+            let a = i / SIDE * (SIDE + 1) + i % SIDE + 1;
+            text += &format!("f {a} {} {} {}\n", a + 1, a + SIDE + 2, a + SIDE + 1);
+        }
+        std::fs::write(at.join(format!("tiles/{tile}.obj")), text).unwrap();
+    }
+    let found = info(at, "tiles --check");
+    let open = 2 * (24 + 1) * SIDE as u64;
+    assert_eq!(found["boundary_edges"].as_u64(), Some(open), "{found}");
+    assert_eq!(found["components"].as_u64(), Some(1), "{found}");
+}

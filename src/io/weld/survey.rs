@@ -182,11 +182,11 @@ pub(super) fn of_parts(source: &MeshSource, borders: &OpenBorders, how: Weld) ->
             let mut near: Vec<f64> = near.into_iter().map(|(_, d)| d).collect();
             near.sort_by(f64::total_cmp);
             let far = near.get(near.len() * 98 / 100).copied().unwrap_or(0.0);
-            let relative = source.schema().rounding();
-            let of_type = 4.0 * relative * largest(&bounds);
+            let grain = borders.grain.max(source.schema().rounding() * largest(&bounds));
+            let of_type = 4.0 * grain;
             let distance = (PARTS_SPREAD * far).max(of_type).min(limit);
             // A vertex on an edge has been computed, most often as a float, and then rounded, whatever its copies say.
-            let step = sample.decimal_step(relative * largest(&bounds));
+            let step = sample.decimal_step(grain);
             let step = step.filter(|&step| step <= STEP_OF_EDGE * edges.short).unwrap_or(0.0);
             let split_distance = distance.max(floats).max(STEPS_OFF_EDGE * step);
             return Ok(Found { distance, split_distance, ..found });
