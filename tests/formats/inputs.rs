@@ -418,6 +418,23 @@ fn trees_of_tiles_become_one_mesh_in_their_place() {
         (alone["inputs"].as_array().unwrap().len(), &alone["file_format"]),
         (1, &"3D Tiles".into())
     );
+    // A folder of trees is these, whatever lies below them; a root of another name among its meshes, too.
+    std::fs::create_dir(at.join("both")).unwrap();
+    std::fs::create_dir(at.join("both/named")).unwrap();
+    for entry in std::fs::read_dir(at.join("b3dm")).unwrap() {
+        let entry = entry.unwrap();
+        std::fs::copy(entry.path(), at.join("both/named").join(entry.file_name())).unwrap();
+    }
+    std::fs::remove_file(at.join("both/named/tileset.json")).unwrap();
+    expect(at, "convert both folder.ply --weld auto", 0);
+    assert_eq!(
+        std::fs::read(at.join("folder.ply")).unwrap(),
+        std::fs::read(at.join("named.ply")).unwrap()
+    );
+    std::fs::copy(at.join("glb/tile_000.glb"), at.join("both/more.glb")).unwrap();
+    std::fs::rename(at.join("both/named"), at.join("both/z")).unwrap();
+    let said = expect(at, "convert both more.ply", 0);
+    assert!(said.contains("z: meshes in it are not read"), "{said}");
     std::fs::remove_file(at.join("b3dm/2.b3dm")).unwrap();
     assert!(expect(at, "convert b3dm less.ply", 4).contains("2.b3dm"));
 }

@@ -5,10 +5,9 @@
 
 use super::contents::{TileFrame, UpAxis, add_content};
 use super::limits::LIST_SHARE;
-use super::lists::{list_of, paths_of};
+use super::lists::{by_name, list_of, paths_of};
 use super::trees::{self, is_tree};
 use super::{InputSet, MeshPart, affine};
-use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
@@ -221,9 +220,7 @@ fn add(path: &Path, (limit, skips): (u64, bool), set: &mut InputSet) -> Result<(
         return Ok(());
     }
     if path.is_dir() {
-        let tree = path.join("tileset.json");
-        let is_tree = tree.is_file();
-        return if is_tree { add(&tree, (limit, skips), set) } else { add_folder(path, set) };
+        return add_folder(path, limit, set);
     }
     if is_tree(path) {
         let InputSet { parts, found_in, repeated, losses } = trees::parts_of(path, limit)?;
@@ -249,18 +246,21 @@ fn add_file(path: &Path, set: &mut InputSet) -> Result<()> {
     }
 }
 
-/// Meshes of a folder by format, and folders beside them.
+/// Meshes of a folder by format (a folder with the root of a tree is that tree), and folders beside them.
 #[derive(Default)]
 struct Looked {
     by_format: BTreeMap<&'static str, Vec<PathBuf>>,
     beside: Vec<PathBuf>,
 }
 
-/// Adds all meshes of a folder; where it has none itself, those of the folders in it.
-fn add_folder(folder: &Path, set: &mut InputSet) -> Result<()> {
+/// Stands for the format of files that describe trees of tiles.
+const TREE: &str = "json";
+
+/// Adds all meshes of a folder; where it has none itself, those of the folders in it. Where there are trees of tiles, these.
+fn add_folder(folder: &Path, limit: u64, set: &mut InputSet) -> Result<()> {
     let mut looked = Looked::default();
     look(folder, MOST_DEPTH, &mut looked)?;
-    let Looked { by_format, beside } = looked;
+    let Looked { mut by_format, beside } = looked;
     for folder in beside {
         let mut passed = Looked::default();
         let n = match look(&folder, MOST_DEPTH, &mut passed) {
@@ -274,6 +274,19 @@ fn add_folder(folder: &Path, set: &mut InputSet) -> Result<()> {
             );
             set.losses.lose(Loss::remark(what));
         }
+    }
+    if let Some(trees) = by_format.remove(TREE) {
+        trees.iter().try_for_each(|tree| add(tree, (limit, false), set))?;
+        let read: HashSet<PathBuf> = set.parts.iter().map(|part| full(&part.path)).collect();
+        let mut others = by_format.values().flatten().filter(|path| !read.contains(&full(path)));
+        if let Some(path) = others.next() {
+            let (n, path) = (others.count() + 1, path.display());
+            let what = format!(
+                "{path}: not read ({n} such in all), since there are trees of tiles in the folder; name it too"
+            );
+            set.losses.lose(Loss::remark(what));
+        }
+        return Ok(());
     }
     match by_format.len() {
         0 => {
@@ -332,8 +345,7 @@ fn finest_levels(files: Vec<PathBuf>) -> (Vec<PathBuf>, Vec<PathBuf>) {
 
 fn look(folder: &Path, depth: usize, looked: &mut Looked) -> Result<()> {
     let fail = |e| Error::reading(folder, "cannot read the folder", e);
-    let mut folders = Vec::new();
-    let mut has_meshes = false;
+    let (mut folders, mut trees, mut meshes) = (Vec::new(), Vec::new(), Vec::new());
     for entry in std::fs::read_dir(folder).map_err(fail)? {
         let entry = entry.map_err(fail)?;
         let (path, name) = (entry.path(), entry.file_name().to_string_lossy().to_lowercase());
@@ -346,14 +358,22 @@ fn look(folder: &Path, depth: usize, looked: &mut Looked) -> Result<()> {
             if !is_utf8(&path) {
                 return Err(Error::bad_input(path, NOT_UTF8));
             }
-            has_meshes = true;
-            looked.by_format.entry(format).or_default().push(path);
+            meshes.push((format, path));
+        } else if is_tree(&path) {
+            trees.push(path);
         }
     }
-    if has_meshes {
-        looked.beside.extend(folders);
-    } else if depth > 0 {
-        folders.iter().try_for_each(|inner| look(inner, depth - 1, looked))?;
+    // Of several that may name each other only the usual name tells the root.
+    let is_root = |path: &PathBuf| path.file_name().is_some_and(|name| name == "tileset.json");
+    trees.sort_by_key(|path| !is_root(path));
+    match trees.first() {
+        Some(tree) if trees.len() == 1 || is_root(tree) => meshes = vec![(TREE, tree.clone())],
+        _ if !meshes.is_empty() => looked.beside.extend(folders),
+        _ if depth > 0 => folders.iter().try_for_each(|inner| look(inner, depth - 1, looked))?,
+        _ => {}
+    }
+    for (format, path) in meshes {
+        looked.by_format.entry(format).or_default().push(path);
     }
     Ok(())
 }
@@ -363,34 +383,6 @@ fn format_of(name: &str) -> Option<&'static str> {
     let name = name.strip_suffix(".gz").or(name.strip_suffix(".zst")).unwrap_or(name);
     let (_, ending) = name.rsplit_once('.')?;
     ENDINGS.into_iter().find(|known| *known == ending)
-}
-
-/// Orders names as people do: `tile_9` before `tile_10`.
-fn by_name(a: &Path, b: &Path) -> Ordering {
-    let (full_a, full_b) = (a.to_string_lossy(), b.to_string_lossy());
-    let (mut a, mut b) = (full_a.as_bytes(), full_b.as_bytes());
-    loop {
-        let digits = |text: &[u8]| text.iter().take_while(|c| c.is_ascii_digit()).count();
-        let (n, m) = (digits(a), digits(b));
-        if n > 0 && m > 0 {
-            let number = |text: &[u8]| -> Vec<u8> {
-                text.iter().copied().skip_while(|&c| c == b'0').collect()
-            };
-            let (x, y) = (number(&a[..n]), number(&b[..m]));
-            match x.len().cmp(&y.len()).then_with(|| x.cmp(&y)) {
-                Ordering::Equal => (a, b) = (&a[n..], &b[m..]),
-                other => return other,
-            }
-            continue;
-        }
-        match (a.first(), b.first()) {
-            (Some(x), Some(y)) if x == y => (a, b) = (&a[1..], &b[1..]),
-            (Some(x), Some(y)) => return x.cmp(y),
-            // Names that differ by zeros before a number only.
-            (None, None) => return full_a.cmp(&full_b),
-            (x, y) => return x.is_some().cmp(&y.is_some()),
-        }
-    }
 }
 
 impl Deref for InputPaths {

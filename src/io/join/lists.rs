@@ -1,8 +1,9 @@
-//! Lists of files (`@list.txt`), one path a line, as editors and shells of any system write them.
+//! Lists of files (`@list.txt`), one path a line, as editors and shells of any system write them; the order of names.
 
 use super::limits::{PART_BYTES, hold};
 use crate::encodings::text_of_file;
 use std::borrow::Cow;
+use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 use stonecut_system::disk::{open_input, read_regular};
 use stonecut_system::error::{Error, Result};
@@ -44,6 +45,34 @@ fn path_of(folder: &Path, line: &str) -> PathBuf {
     match written.exists() {
         true => written,
         false => other(bare).or_else(|| other(&bare.replace('\\', "/"))).unwrap_or(written),
+    }
+}
+
+/// Orders names as people do: `tile_9` before `tile_10`.
+pub(super) fn by_name(a: &Path, b: &Path) -> Ordering {
+    let (full_a, full_b) = (a.to_string_lossy(), b.to_string_lossy());
+    let (mut a, mut b) = (full_a.as_bytes(), full_b.as_bytes());
+    loop {
+        let digits = |text: &[u8]| text.iter().take_while(|c| c.is_ascii_digit()).count();
+        let (n, m) = (digits(a), digits(b));
+        if n > 0 && m > 0 {
+            let number = |text: &[u8]| -> Vec<u8> {
+                text.iter().copied().skip_while(|&c| c == b'0').collect()
+            };
+            let (x, y) = (number(&a[..n]), number(&b[..m]));
+            match x.len().cmp(&y.len()).then_with(|| x.cmp(&y)) {
+                Ordering::Equal => (a, b) = (&a[n..], &b[m..]),
+                other => return other,
+            }
+            continue;
+        }
+        match (a.first(), b.first()) {
+            (Some(x), Some(y)) if x == y => (a, b) = (&a[1..], &b[1..]),
+            (Some(x), Some(y)) => return x.cmp(y),
+            // Names that differ by zeros before a number only.
+            (None, None) => return full_a.cmp(&full_b),
+            (x, y) => return x.is_some().cmp(&y.is_some()),
+        }
     }
 }
 
