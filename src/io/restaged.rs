@@ -104,8 +104,12 @@ pub(crate) struct FewRows<'a> {
 }
 
 impl<'a> FewRows<'a> {
+    pub fn row_bytes(self) -> usize {
+        self.bytes.len() / self.n.max(1) as usize
+    }
+
     pub fn each(self) -> std::slice::ChunksExact<'a, u8> {
-        self.bytes.chunks_exact(self.bytes.len() / self.n.max(1) as usize)
+        self.bytes.chunks_exact(self.row_bytes())
     }
 }
 

@@ -20,6 +20,9 @@ use stonecut_system::error::Result;
 const BY_PLACE: usize = 14;
 const BY_FIRST: usize = 14;
 
+/// Bytes of faces that are written at once.
+const WRITE_BYTES: usize = 1 << 16;
+
 /// Parts of the faces.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct FaceParts {
@@ -183,6 +186,7 @@ impl<'a> Joiner<'a> {
                 let uvs = face.map(|corner| vertices[corner as usize].uv.map(f32::to_bits));
                 faces.put(face.map(|corner| held.id(corner)), uvs, &mut out)?;
             }
+            out.write(&faces.rows)?;
             return out.finish(name.path());
         }
         let mut by_first = options.sort::<BY_FIRST>(memory_bytes(options));
@@ -256,6 +260,7 @@ impl<'a> Joiner<'a> {
             k = (k + 1) % 3;
             if k == 0 { faces.put(ids, uvs, &mut out) } else { Ok(()) }
         })?;
+        out.write(&faces.rows)?;
         out.finish(name.path())
     }
 }
@@ -265,37 +270,42 @@ struct Faces<'a> {
     labels: RowWindow<&'a RawFile>,
     has: FaceParts,
     is_wide: bool,
-    row: Vec<u8>,
+    /// Those that are not written yet.
+    rows: Vec<u8>,
     face: u64,
 }
 
 impl<'a> Faces<'a> {
     fn new(labels: &'a RawFile, (has, label_bytes): (FaceParts, usize), is_wide: bool) -> Self {
         let labels = RowWindow::new(labels, label_bytes);
-        Faces { labels, has, is_wide, row: vec![3u8], face: 0 }
+        Faces { labels, has, is_wide, rows: Vec::new(), face: 0 }
     }
 
-    /// Writes the next face: its vertices, and the bits of their texture coordinates.
+    /// Takes the next face: its vertices, and the bits of their texture coordinates. Writes all that are there now and then.
     fn put(&mut self, ids: [u64; 3], uvs: [[u32; 2]; 3], out: &mut Spool) -> Result<()> {
-        self.row.truncate(1);
+        if self.rows.len() > WRITE_BYTES {
+            out.write(&self.rows)?;
+            self.rows.clear();
+        }
+        self.rows.push(3);
         match self.is_wide {
-            true => self.row.extend_from_slice(ids.map(u64::to_le_bytes).as_flattened()),
+            true => self.rows.extend_from_slice(ids.map(u64::to_le_bytes).as_flattened()),
             false => {
                 let ids = ids.map(|id| (id as u32).to_le_bytes());
-                self.row.extend_from_slice(ids.as_flattened());
+                self.rows.extend_from_slice(ids.as_flattened());
             }
         }
         if self.has.texture {
-            self.row.push(6);
+            self.rows.push(6);
             let uvs = uvs.map(|uv| uv.map(u32::to_le_bytes));
-            self.row.extend_from_slice(uvs.as_flattened().as_flattened());
+            self.rows.extend_from_slice(uvs.as_flattened().as_flattened());
         }
         if self.has.numbers || self.has.names {
             let labels = self.labels.get(self.face)?;
-            self.row.extend_from_slice(if self.has.numbers { labels } else { &labels[4..] });
+            self.rows.extend_from_slice(if self.has.numbers { labels } else { &labels[4..] });
         }
         self.face += 1;
-        out.write(&self.row)
+        Ok(())
     }
 }
 

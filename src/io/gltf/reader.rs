@@ -369,7 +369,7 @@ fn put_faces(
     let n_vertices = piece.positions.count;
     let material = piece.primitive.material.map_or(-1, |material| material as i32);
     let labels = [material, piece.name];
-    let mode = piece.mode;
+    let (mode, is_mirror) = (piece.mode, piece.at.is_mirror());
     let n_indices = piece.indices.as_ref().map_or(n_vertices, |indices| indices.count);
     let (mut bytes, mut block) = (Vec::new(), Vec::new());
     let (mut open, mut place, mut n_bad, mut n) = ([0u64; 3], 0, 0, 0u64);
@@ -408,8 +408,7 @@ fn put_faces(
             }
             let is_turned = mode == STRIP && n.is_multiple_of(2);
             let [a, b, c] = corners.map(|v| first + v);
-            let is_turned = is_turned != piece.at.is_mirror();
-            joiner.put_face(if is_turned { [a, c, b] } else { [a, b, c] }, labels)?;
+            joiner.put_face(if is_turned != is_mirror { [a, c, b] } else { [a, b, c] }, labels)?;
         }
     }
     Ok(n_bad)

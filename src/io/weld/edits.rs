@@ -58,15 +58,14 @@ impl Edits {
             if first == 0 {
                 found = finder();
             }
-            'rows: for (place, row) in (first..).zip(rows.each()).filter(|(_, row)| row[0] == 3) {
-                let mut triangle = [0; 3];
-                for (i, v) in triangle.iter_mut().enumerate() {
-                    *v = u64::from(numbers.get(u64::from(corner(row, i)))?);
-                    if !is_shared(*v) {
-                        continue 'rows;
+            for (place, row) in (first..).zip(rows.each()).filter(|(_, row)| row[0] == 3) {
+                let mut triangle = [0, 1, 2].map(|i| u64::from(corner(row, i)));
+                if triangle.iter().all(|v| is_shared(*v)) {
+                    for v in &mut triangle {
+                        *v = u64::from(numbers.get(*v)?);
                     }
+                    found.push_at(place, triangle)?;
                 }
-                found.push_at(place, triangle)?;
             }
             Ok(0)
         })?;
@@ -80,12 +79,19 @@ impl Edits {
             self.n_split = 0;
             self.splits.iter_mut().try_for_each(Hits::restart)?;
         }
-        if self.splits.is_none() && self.repeated.count() == 0 {
-            out.write(rows.bytes)?;
-            return Ok(rows.n);
+        // Rows between those that change are written at once.
+        let (mut n, mut at, row_bytes) = (rows.n, 0, rows.row_bytes());
+        for (i, row) in rows.each().enumerate() {
+            let place = first + i as u64;
+            let next = self.splits.as_ref().and_then(|hits| hits.next());
+            if self.repeated.contains(place) || next.is_some_and(|record| record[0] <= place) {
+                out.write(&rows.bytes[at..i * row_bytes])?;
+                at = (i + 1) * row_bytes;
+                n = n - 1 + self.put_row(place, row, out)?;
+            }
         }
-        let mut both = (first..).zip(rows.each());
-        both.try_fold(0, |n, (place, row)| Ok(n + self.put_row(place, row, out)?))
+        out.write(&rows.bytes[at..])?;
+        Ok(n)
     }
 
     fn put_row(&mut self, place: u64, row: &[u8], out: &mut Spool) -> Result<u64> {

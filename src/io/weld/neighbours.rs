@@ -5,7 +5,11 @@
 //! one that others join. A cluster no wider than the distance is seen whole, and alike, in every cube that it touches.
 
 use crate::external_sort::{ExternalSort, halves, whole};
+use crate::open_options::StageOptions;
+use crate::ply::raw::RawFile;
+use crate::records::NumberRecords;
 use std::collections::VecDeque;
+use std::path::Path;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::vec3::{Vec3, length_sq, sub};
 use stonecut_system::error::Result;
@@ -15,11 +19,11 @@ const SIDE: f64 = 32.0;
 /// Cubes along the longest axis at most.
 const MOST_CUBES: f64 = (1u64 << 30) as f64;
 
-/// A vertex with the one that it joins, and the position of both: ten words. One that others join comes with `ITSELF_LAST`.
-pub(super) type Pairs = ExternalSort<10>;
+/// Numbers of a vertex, of the one that it joins, and the bits of the position of both. Ascending, each vertex once.
+pub(super) type Pairs<'a> = NumberRecords<5, &'a RawFile>;
 
-/// Stands for the vertex itself, behind all others.
-pub(super) const ITSELF_LAST: [u32; 2] = [u32::MAX; 2];
+/// Stands for the vertex itself, behind all others: others join it.
+pub(super) const ITSELF_LAST: u64 = u64::MAX;
 
 /// In the number of a vertex: it is at no open edge, and joins those of other parts only.
 pub(super) const INSIDE: u64 = 1 << 40;
@@ -53,18 +57,27 @@ impl Neighbours {
         Neighbours { ends, ..self }
     }
 
-    /// All pairs; `see` has the number of each vertex in them, some more than once.
-    pub fn pairs(self, mut pairs: Pairs, mut see: impl FnMut(u64) -> Result<()>) -> Result<Pairs> {
+    /// The records of all `Pairs`, under a name for messages.
+    pub fn pairs(self, name: &Path, options: &StageOptions) -> Result<RawFile> {
+        let mut pairs = options.sort::<10>((options.memory_bytes / 3) as usize);
         self.finish(|v, first, position| {
             let ([v0, v1], [f0, f1]) = (halves(v), halves(first));
             let [[x0, x1], [y0, y1], [z0, z1]] = position.map(|x| halves(x.to_bits()));
-            let [l0, l1] = ITSELF_LAST;
-            see(v)?;
-            see(first)?;
+            let [l0, l1] = halves(ITSELF_LAST);
             pairs.push([v0, v1, f0, f1, x0, x1, y0, y1, z0, z1])?;
             pairs.push([f0, f1, l0, l1, x0, x1, y0, y1, z0, z1])
         })?;
-        Ok(pairs)
+        let (mut out, mut last) = (options.spool(), None);
+        pairs.drain(|[v0, v1, f0, f1, x0, x1, y0, y1, z0, z1]| {
+            let v = whole(v0, v1);
+            // One that others join comes once for each of them.
+            if last.replace(v) == Some(v) {
+                return Ok(());
+            }
+            let [x, y, z] = [whole(x0, x1), whole(y0, y1), whole(z0, z1)];
+            out.write(bytemuck::bytes_of(&[v, whole(f0, f1), x, y, z]))
+        })?;
+        out.finish(name)
     }
 
     fn cube(&self, x: f64, axis: usize) -> u32 {

@@ -7,7 +7,6 @@ use super::neighbours::{INSIDE, Neighbours, Pairs};
 use super::splits::ends_of_parts;
 use super::survey::Found;
 use crate::borders::OpenBorders;
-use crate::external_sort::{halves, whole};
 use crate::open_options::StageOptions;
 use crate::ply::raw::RawFile;
 use crate::ply::{MeshSource, VertexRecords};
@@ -36,7 +35,8 @@ pub(super) enum Overlap {
 
 /// Vertices to be joined, and what they say of the parts.
 pub(super) struct JoinedPairs {
-    pub pairs: Pairs,
+    /// The records of `Pairs`.
+    pub pairs: RawFile,
     pub overlap: Overlap,
     /// Parts of which no vertex is joined.
     pub alone: Vec<usize>,
@@ -55,8 +55,8 @@ pub(super) fn pairs(
     options: &StageOptions,
 ) -> Result<JoinedPairs> {
     let boxes = boxes(source, borders, found.distance);
-    let (pairs, joined) = joined(source, borders, found, &[], options)?;
-    let Lonely { ids, partners, alone } = lonely(source, borders, (&boxes, joined), options)?;
+    let pairs = joined(source, borders, found, &[], options)?;
+    let Lonely { ids, partners, alone } = lonely(source, borders, (&boxes, &pairs), options)?;
     let (n_inside, n_border) = (ids.len() / 8, borders.n_vertices());
     if n_inside < FEWEST.max((FEW * n_border as f64) as u64) || found.distance <= 0.0 {
         return Ok(JoinedPairs { pairs, overlap: Overlap::None, alone });
@@ -67,10 +67,10 @@ pub(super) fn pairs(
         regions[p].add(boxes[q]);
         regions[q].add(boxes[p]);
     }
-    let (wider, joined) = self::joined(source, borders, found, &regions, options)?;
-    let (mut ids, mut joined) = (NumberRecords::<1>::new(ids)?, NumberRecords::<1>::new(joined)?);
+    let wider = joined(source, borders, found, &regions, options)?;
+    let (mut ids, mut joined) = (NumberRecords::<1>::new(ids)?, Pairs::new(&wider)?);
     let mut n_found = 0;
-    while let (Some([v]), Some([other])) = (ids.next(), joined.next()) {
+    while let (Some([v]), Some([other, ..])) = (ids.next(), joined.next()) {
         n_found += u64::from(v == other);
         if v <= other { ids.pass()? } else { joined.pass()? }
     }
@@ -100,17 +100,16 @@ fn holds(bounds: &Bounds, place: Vec3) -> bool {
     (0..3).all(|axis| (bounds.low[axis]..=bounds.high[axis]).contains(&place[axis]))
 }
 
-/// Pairs among vertices at borders and, of each part, those in some regions; and the sorted numbers of all in them.
+/// Pairs among vertices at borders and, of each part, those in some regions.
 fn joined(
     source: &MeshSource,
     borders: &OpenBorders,
     found: &Found,
     regions: &[OverlapRegion],
     options: &StageOptions,
-) -> Result<(Pairs, RawFile)> {
-    let memory_bytes = (options.memory_bytes / 3) as usize;
+) -> Result<RawFile> {
     let ends = ends_of_parts(source);
-    let sort = options.sort(memory_bytes);
+    let sort = options.sort((options.memory_bytes / 3) as usize);
     let mut neighbours =
         Neighbours::new(sort, &found.bounds, found.distance).of_parts(ends.clone());
     let mut next = 0;
@@ -121,14 +120,7 @@ fn joined(
         neighbours.push(v, place)
     })?;
     inside.push(next..source.n_vertices(), &mut neighbours)?;
-    let mut seen = options.sort::<2>(memory_bytes);
-    let pairs = neighbours.pairs(options.sort(memory_bytes), |v| seen.push(halves(v)))?;
-    let (mut out, mut last) = (options.spool(), None);
-    seen.drain(|[v0, v1]| {
-        let v = whole(v0, v1);
-        if last.replace(v) == Some(v) { Ok(()) } else { out.write(&v.to_le_bytes()) }
-    })?;
-    Ok((pairs, out.finish(source.path())?))
+    neighbours.pairs(source.path(), options)
 }
 
 /// Boxes of other parts, in which vertices of a part are looked for.
@@ -179,20 +171,25 @@ struct InsideOthers<'a> {
 impl InsideOthers<'_> {
     /// Pushes those of a range; ranges ascend.
     fn push(&mut self, range: std::ops::Range<u64>, neighbours: &mut Neighbours) -> Result<()> {
+        let schema = self.records.source().schema();
         let mut v = range.start;
         while v < range.end && !self.regions.is_empty() {
             while self.ends[self.part] <= v {
                 self.part += 1;
             }
-            if self.regions[self.part].others.is_empty() {
-                v = self.ends[self.part];
+            let (region, end) = (&self.regions[self.part], self.ends[self.part]);
+            if region.others.is_empty() {
+                v = end;
                 continue;
             }
-            let place = self.records.position(v)?;
-            if self.regions[self.part].holds(place) {
-                neighbours.push(v | INSIDE, place)?;
+            let records = self.records.from(v)?.chunks_exact(schema.record_bytes());
+            for record in records.take((end.min(range.end) - v) as usize) {
+                let place = schema.position(record);
+                if region.holds(place) {
+                    neighbours.push(v | INSIDE, place)?;
+                }
+                v += 1;
             }
-            v += 1;
         }
         Ok(())
     }
@@ -209,23 +206,23 @@ struct Lonely {
 fn lonely(
     source: &MeshSource,
     borders: &OpenBorders,
-    (boxes, joined): (&[Bounds], RawFile),
+    (boxes, pairs): (&[Bounds], &RawFile),
     options: &StageOptions,
 ) -> Result<Lonely> {
     let near = neighbours_of(boxes);
     let ends = ends_of_parts(source);
-    let mut joined = NumberRecords::<1>::new(joined)?;
+    let mut joined = Pairs::new(pairs)?;
     let (mut ids, mut partners, mut part) = (options.spool(), BTreeSet::new(), 0);
     let (mut has_copies, mut has_border) = (vec![false; boxes.len()], vec![false; boxes.len()]);
     borders.each_vertex(source, |v, place| {
-        while joined.next().is_some_and(|[other]| other < v) {
+        while joined.next().is_some_and(|[other, ..]| other < v) {
             joined.pass()?;
         }
         while ends[part] <= v {
             part += 1;
         }
         has_border[part] = true;
-        if joined.next() == Some([v]) {
+        if joined.next().is_some_and(|[other, ..]| other == v) {
             has_copies[part] = true;
             return Ok(());
         }

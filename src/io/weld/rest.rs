@@ -1,31 +1,30 @@
 //! Vertices that are joined with none, copied as they are.
 
-use crate::ply::raw::{RawFile, Spool};
+use super::neighbours::Pairs;
+use crate::ply::raw::Spool;
 use crate::ply::{BLOCK_ROWS, MeshSource, VertexRecords};
-use crate::records::NumberRecords;
 use stonecut_system::error::Result;
 
 /// Vertices that are not joined.
 pub(super) struct Rest<'a> {
     records: VertexRecords<'a>,
-    /// Numbers of those that are.
-    joined: NumberRecords<1>,
+    /// Those that are.
+    joined: Pairs<'a>,
     /// The first that is not copied yet.
     pub next: u64,
 }
 
 impl<'a> Rest<'a> {
-    pub fn new(source: &'a MeshSource, joined: RawFile) -> Result<Rest<'a>> {
-        let (records, joined) = (VertexRecords::new(source), NumberRecords::new(joined)?);
-        Ok(Rest { records, joined, next: 0 })
+    pub fn new(source: &'a MeshSource, joined: Pairs<'a>) -> Rest<'a> {
+        Rest { records: VertexRecords::new(source), joined, next: 0 }
     }
 
     /// The first joined vertex from `next` on.
     fn next_joined(&mut self) -> Result<Option<u64>> {
-        while self.joined.next().is_some_and(|[v]| v < self.next) {
+        while self.joined.next().is_some_and(|[v, ..]| v < self.next) {
             self.joined.pass()?;
         }
-        Ok(self.joined.next().map(|[v]| v))
+        Ok(self.joined.next().map(|[v, ..]| v))
     }
 
     /// Copies those up to a vertex; returns how many.

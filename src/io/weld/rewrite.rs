@@ -15,7 +15,7 @@ use crate::external_sort::{ExternalSort, halves, whole};
 use crate::open_edges::each_open;
 use crate::open_options::{StageOptions, Weld, WeldOptions};
 use crate::ply::raw::{RawFile, Spool};
-use crate::ply::{MeshSource, OutputHeader, VertexRecords, WeldReport};
+use crate::ply::{BLOCK_ROWS, MeshSource, OutputHeader, VertexRecords, WeldReport};
 use crate::restaged::{FewRows, Numbers, face_rows_with, restage};
 use stonecut_mesh::codec::{ChannelKind, VertexCodec};
 use stonecut_mesh::vec3::Vec3;
@@ -69,13 +69,15 @@ fn join_records<const N: usize>(
             alone: Vec::new(),
         },
     };
-    let (by_first, all, joined) = by_first::<N>(&source, pairs, how, memory_bytes, options)?;
+    let (by_first, joined) =
+        by_first::<N>(&source, Pairs::new(&pairs)?, how, memory_bytes, options)?;
     if joined == 0 {
         return Ok(source);
     }
     let n_before = source.n_vertices();
     let Made { vertices, numbers, n_vertices, shared } =
-        vertices(&source, (by_first, all), how, memory_bytes, options)?;
+        vertices(&source, (by_first, Pairs::new(&pairs)?), how, memory_bytes, options)?;
+    drop(pairs);
     // Refuses numbers of more than 32 bits.
     OutputHeader::new(source.schema().clone(), n_vertices, 0).index_type()?;
     let mut edits = Edits::new(&source);
@@ -137,13 +139,13 @@ fn note_alone(alone: &[usize], source: &MeshSource) -> Option<String> {
     ))
 }
 
-/// Each vertex that joins another: its number, that one's, and the position of both: ten words.
+/// The records of `Pairs` of a mesh.
 fn pairs(
     source: &MeshSource,
     found: &Found,
     memory_bytes: usize,
     options: &StageOptions,
-) -> Result<Pairs> {
+) -> Result<RawFile> {
     let sort = options.sort(memory_bytes);
     let mut neighbours = Neighbours::new(sort, &found.bounds, found.distance);
     if found.is_loose {
@@ -158,17 +160,17 @@ fn pairs(
         let mut records = VertexRecords::new(source);
         each_open(source, memory_bytes, |v| neighbours.push(v, records.position(v)?))?;
     }
-    neighbours.pairs(options.sort(memory_bytes), |_| Ok(()))
+    neighbours.pairs(source.path(), options)
 }
 
-/// Vertices that are joined by the one that they join, and how many join another; their numbers, ascending.
+/// Vertices that are joined by the one that they join, and how many join another.
 fn by_first<const N: usize>(
     source: &MeshSource,
     pairs: Pairs,
     how: &WeldOptions,
     memory_bytes: usize,
     options: &StageOptions,
-) -> Result<(ExternalSort<N>, RawFile, u64)> {
+) -> Result<(ExternalSort<N>, u64)> {
     let mut vertices = Vertices {
         records: VertexRecords::new(source),
         codec: source.schema().kernel_codec(&how.labels),
@@ -179,21 +181,13 @@ fn by_first<const N: usize>(
     let kinds = vertices.codec.channel_kinds(source.schema());
     vertices.texture = (0..kinds.len()).filter(|&i| kinds[i] == ChannelKind::Texture).collect();
     vertices.channels = vec![0.0; kinds.len()];
-    let (mut joined, mut last) = (0, None);
-    let mut all = options.spool();
-    pairs.drain(|[v0, v1, f0, f1, x0, x1, y0, y1, z0, z1]| {
-        let v = whole(v0, v1);
-        // One that others join comes once for each of them.
-        if last.replace(v) == Some(v) {
-            return Ok(());
-        }
-        let is_itself = [f0, f1] == ITSELF_LAST;
+    let mut joined = 0;
+    pairs.each(|[v, first, place @ ..]| {
+        let is_itself = first == ITSELF_LAST;
         joined += u64::from(!is_itself);
-        all.write(&v.to_le_bytes())?;
-        let first = if is_itself { [v0, v1] } else { [f0, f1] };
-        vertices.put(v, first, [x0, x1, y0, y1, z0, z1])
+        vertices.put(v, if is_itself { v } else { first }, place)
     })?;
-    Ok((vertices.sort, all.finish(source.path())?, joined))
+    Ok((vertices.sort, joined))
 }
 
 /// Sends vertices on in the order of their numbers.
@@ -207,11 +201,11 @@ struct Vertices<'a, const N: usize> {
 }
 
 impl<const N: usize> Vertices<'_, N> {
-    fn put(&mut self, v: u64, first: [u32; 2], place: [u32; 6]) -> Result<()> {
+    fn put(&mut self, v: u64, first: u64, place: [u64; 3]) -> Result<()> {
         let schema = self.records.source().schema();
         let record = self.records.get(v)?;
         let mut row = [0; N];
-        [row[0], row[1]] = first;
+        [row[0], row[1]] = halves(first);
         if !self.texture.is_empty() {
             self.codec.decode_channels(record, &mut self.channels);
             // Copies of coordinates differ in their last bits too.
@@ -222,7 +216,7 @@ impl<const N: usize> Vertices<'_, N> {
             [row[2], row[3]] = halves(xxh3_64(&key));
         }
         [row[4], row[5]] = halves(v);
-        row[6..OWN_WORDS].copy_from_slice(&place);
+        row[6..OWN_WORDS].copy_from_slice(place.map(halves).as_flattened());
         let properties = &record[schema.position_bytes()..];
         let values = bytemuck::cast_slice_mut::<u32, u8>(&mut row[OWN_WORDS..]);
         values[..properties.len()].copy_from_slice(properties);
@@ -236,7 +230,7 @@ struct Made {
     /// The new number of each old one, 4 bytes.
     numbers: RawFile,
     n_vertices: u64,
-    /// A bit for each that several became; empty where it would take more than a share of the memory.
+    /// A bit for each old one that became one with others; empty where it would take more than a share of the memory.
     shared: Vec<u64>,
 }
 
@@ -245,29 +239,32 @@ struct Made {
 /// New vertices come in the order of the first of each; those that are not joined are copied as they are.
 fn vertices<const N: usize>(
     source: &MeshSource,
-    (by_first, joined): (ExternalSort<N>, RawFile),
+    (by_first, joined): (ExternalSort<N>, Pairs),
     how: &WeldOptions,
     memory_bytes: usize,
     options: &StageOptions,
 ) -> Result<Made> {
     let mut mixer = Mixer::new(source, how, options.spool());
-    let mut rest = Rest::new(source, joined)?;
+    let mut rest = Rest::new(source, joined);
     let mut by_vertex = options.sort::<4>(memory_bytes);
-    let (mut n_vertices, mut last) = (0u64, None);
+    let (mut n_vertices, mut last, mut first_of_last) = (0u64, None, 0);
     let has_bits = source.n_vertices() / 8 <= memory_bytes as u64;
     let mut shared = Vec::new();
-    let mut mark = |number: u64, n: u64| {
-        if has_bits && n > 1 {
-            let word = (number / 64) as usize;
+    let mut mark = |v: u64| {
+        if has_bits {
+            let word = (v / 64) as usize;
             shared.resize(shared.len().max(word + 1), 0u64);
-            shared[word] |= 1 << (number % 64);
+            shared[word] |= 1 << (v % 64);
         }
     };
     // Files of more vertices than 32 bits can count are refused when their header is written.
     by_first.drain(|row| {
         let own: [u32; 4] = std::array::from_fn(|i| row[i]);
-        if last != Some(own) {
-            mark(n_vertices.saturating_sub(1), mixer.n);
+        let v = whole(row[4], row[5]);
+        if last == Some(own) {
+            mark(first_of_last);
+            mark(v);
+        } else {
             mixer.put()?;
             let first = whole(own[0], own[1]);
             if rest.next <= first {
@@ -276,23 +273,26 @@ fn vertices<const N: usize>(
                 n_vertices += rest.copy_up_to(first, &mut mixer.out)?;
                 rest.next = first + 1;
             }
-            last = Some(own);
+            (last, first_of_last) = (Some(own), v);
             n_vertices += 1;
         }
         let place: Vec3 = [6, 8, 10].map(|i| f64::from_bits(whole(row[i], row[i + 1])));
         mixer.add(place, bytemuck::cast_slice(&row[OWN_WORDS..]));
         by_vertex.push([row[4], row[5], ITSELF, (n_vertices - 1) as u32])
     })?;
-    mark(n_vertices.saturating_sub(1), mixer.n);
     mixer.put()?;
     let [v0, v1] = halves(rest.next);
     by_vertex.push([v0, v1, COUNTED_FROM, n_vertices as u32])?;
     n_vertices += rest.copy_up_to(source.n_vertices(), &mut mixer.out)?;
     let (mut numbers, mut v, mut number) = (options.spool(), 0, 0u32);
+    let mut some = Vec::new();
     let mut count_up_to = |end: u64, number: &mut u32, numbers: &mut Spool| {
         while v < end {
-            numbers.write(&number.to_le_bytes())?;
-            (v, *number) = (v + 1, number.wrapping_add(1));
+            let n = (end - v).min(BLOCK_ROWS) as u32;
+            some.clear();
+            some.extend((0..n).map(|i| number.wrapping_add(i)));
+            numbers.write(bytemuck::cast_slice(&some))?;
+            (v, *number) = (v + u64::from(n), number.wrapping_add(n));
         }
         Ok::<u64, Error>(v)
     };
