@@ -3,8 +3,9 @@
 //! An image comes with all its halves, so that no look-up skips texels. What cannot be decoded is noted and stays without
 //! an image. Does not know materials.
 
+use super::image_level::{ImageLevel, half_of};
 use super::jpeg::possible_halvings;
-use super::light_table::{Light, LightTable, LightValues, pixel_of};
+use super::light_table::{Light, LightTable, pixel_of};
 use super::map_use::MapUse;
 use super::palette::{Palette, Picture, image_bytes};
 use image::ImageEncoder;
@@ -20,19 +21,26 @@ use stonecut_system::losses::{Ledger, Loss, LossKind};
 use stonecut_system::parallel::{guarded, in_order};
 use stonecut_system::progress::Progress;
 
-/// A decoded image: sRGB and opacity, in its size, and in the halves of it that anything was looked up in.
+/// Rows of a half that are made together, as a power of two.
+const BAND_SHIFT: u32 = 6;
+
+/// Shift of an image that is one band, whatever its rows.
+const WHOLE_SHIFT: u32 = 30;
+
+/// A decoded image: sRGB and opacity, in its size, and those rows of its halves that anything was looked up in.
 pub struct Decoded {
     /// Halvings of the image before the first of the levels.
     n_left_out: usize,
-    levels: Vec<OnceLock<ImageLevel>>,
+    levels: Vec<Banded>,
     /// True if any of its pixels is not opaque; looked at when it is first asked for.
     has_opacity: OnceLock<bool>,
 }
 
-/// Pixels in rows of a width.
-pub(super) struct ImageLevel {
-    pub(super) size: [u32; 2],
-    pub(super) pixels: Vec<[u8; 4]>,
+/// An image in one of its sizes, in bands of rows that are made when they are first looked up in.
+struct Banded {
+    size: [u32; 2],
+    shift: u32,
+    bands: Vec<OnceLock<Vec<[u8; 4]>>>,
 }
 
 /// First bytes of a KTX2 file.
@@ -65,28 +73,53 @@ impl Decoded {
     }
 
     fn of_level(first: ImageLevel) -> Decoded {
-        let size = first.size;
-        let n_levels = 1 + size[0].max(size[1]).max(1).ilog2() as usize;
-        let mut levels = vec![OnceLock::from(first)];
-        levels.resize_with(n_levels, OnceLock::new);
+        let mut size = first.size;
+        let whole = vec![OnceLock::from(first.pixels)];
+        let mut levels = vec![Banded { size, shift: WHOLE_SHIFT, bands: whole }];
+        while size.iter().any(|&side| side > 1) {
+            // Texels of an odd side are shared by neighbours.
+            let is_even = size.iter().all(|side| side % 2 == 0);
+            let shift = if is_even { BAND_SHIFT } else { WHOLE_SHIFT };
+            size = half_of(size);
+            let bands = (0..size[1].div_ceil(1 << shift)).map(|_| OnceLock::new()).collect();
+            levels.push(Banded { size, shift, bands });
+        }
         Decoded { n_left_out: 0, levels, has_opacity: OnceLock::new() }
     }
 
-    /// The image after some halvings, or as often as it can be halved; made when it is first asked for.
-    fn level(&self, halvings: usize, table: &LightTable) -> &ImageLevel {
-        self.made(halvings.saturating_sub(self.n_left_out).min(self.levels.len() - 1), table)
+    /// A row of a level.
+    fn row(&self, level: usize, y: usize, table: &LightTable) -> &[[u8; 4]] {
+        let Banded { size, shift, .. } = &self.levels[level];
+        let (band, width) = (y >> shift, size[0] as usize);
+        &self.band(level, band, table)[(y - (band << shift)) * width..][..width]
     }
 
-    fn made(&self, at: usize, table: &LightTable) -> &ImageLevel {
-        self.levels[at].get_or_init(|| self.made(at - 1, table).half(table))
+    /// The pixels of a band of a level.
+    #[inline(always)]
+    fn band(&self, level: usize, band: usize, table: &LightTable) -> &Vec<[u8; 4]> {
+        let made = self.levels[level].bands[band].get();
+        made.unwrap_or_else(|| self.make_band(level, band, table))
+    }
+
+    #[cold]
+    fn make_band(&self, level: usize, band: usize, table: &LightTable) -> &Vec<[u8; 4]> {
+        let Banded { shift, bands, .. } = &self.levels[level];
+        bands[band].get_or_init(|| {
+            let [width, height] = self.levels[level - 1].size;
+            let from = |band: usize| ((2 * band) << shift).min(height as usize);
+            let rows = from(band)..from(band + 1);
+            let size = [width, rows.len() as u32];
+            let rows: Vec<&[[u8; 4]]> = rows.map(|y| self.row(level - 1, y, table)).collect();
+            ImageLevel { size, pixels: rows.concat() }.half(table).pixels
+        })
     }
 
     /// Opacity that it stands for as an image of opacity, of a colour looked up in it: its own if any of its pixels is not
     /// opaque, otherwise the brightness of its values, not of their light.
     pub fn opacity_of(&self, light: Light) -> f32 {
         let [r, g, b, a] = pixel_of(light).map(|x| f32::from(x) / 255.0);
-        let is_clear = |level: &ImageLevel| level.pixels.iter().any(|pixel| pixel[3] < 255);
-        let has_opacity = || self.levels[0].get().is_some_and(is_clear);
+        let is_clear = |pixels: &Vec<[u8; 4]>| pixels.iter().any(|pixel| pixel[3] < 255);
+        let has_opacity = || self.levels[0].bands[0].get().is_some_and(is_clear);
         if *self.has_opacity.get_or_init(has_opacity) { a } else { (r + g + b) / 3.0 }
     }
 
@@ -125,13 +158,17 @@ impl Decoded {
         uv: [f32; 2],
         table: &LightTable,
     ) -> Option<Light> {
-        let level = self.level(halvings, table);
-        let (texels, share) = map.texels(uv, level.size)?;
+        let level = halvings.saturating_sub(self.n_left_out).min(self.levels.len() - 1);
+        let Banded { size, shift, .. } = &self.levels[level];
+        let (texels, share) = map.texels(uv, *size)?;
+        let bands = texels[1].map(|y| y >> shift);
+        let above = self.band(level, bands[0], table);
+        let below = if bands[1] == bands[0] { above } else { self.band(level, bands[1], table) };
         let mut sum = [0.0; 4];
-        for (y, row_share) in [(0, 1.0 - share[1]), (1, share[1])] {
+        for (y, pixels, row_share) in [(0, above, 1.0 - share[1]), (1, below, share[1])] {
+            let start = (texels[1][y] - (bands[y] << shift)) * size[0] as usize;
             for (x, column_share) in [(0, 1.0 - share[0]), (1, share[0])] {
-                let at = texels[1][y] * level.size[0] as usize + texels[0][x];
-                let light = table.of(level.pixels[at]);
+                let light = table.of(pixels[start + texels[0][x]]);
                 for (sum, light) in sum.iter_mut().zip(light) {
                     *sum += row_share * column_share * light;
                 }
@@ -212,66 +249,10 @@ fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<ImageLevel, String> {
     Ok(ImageLevel::of_image(pixels))
 }
 
-/// Texels along a side of `n` that become texel `to` of half the side, and their shares: two, and three of an odd side.
-fn merged(n: u32, to: u32) -> impl Iterator<Item = (usize, f32)> {
-    let half = n / 2;
-    let has_three = n % 2 == 1 && half > 0;
-    // Of an odd side each takes 2 + 1 / half: the outer ones of three are shared with the neighbours.
-    let shares = match has_three {
-        true => [half - to, half, to + 1].map(|share| share as f32 / n as f32),
-        false => [0.5, 0.5, 0.0],
-    };
-    let texel = move |(k, share): (u32, f32)| ((2 * to + k).min(n - 1) as usize, share);
-    (0..).zip(shares).take(if has_three { 3 } else { 2 }).map(texel)
-}
-
 impl ImageLevel {
     fn of_image(image: image::RgbaImage) -> ImageLevel {
         let size = [image.width(), image.height()];
         ImageLevel { size, pixels: image.into_raw().as_chunks::<4>().0.to_vec() }
-    }
-
-    /// The same in half the size, rounded down.
-    pub(super) fn half(&self, table: &LightTable) -> ImageLevel {
-        let size = self.size.map(|side| (side / 2).max(1));
-        let mut pixels = Vec::with_capacity(size[0] as usize * size[1] as usize);
-        if self.size.iter().all(|side| side % 2 == 0) {
-            // The sums of below, many times as fast.
-            let values = LightValues::all();
-            let light = |value: u8| table.light[usize::from(value)];
-            for rows in self.pixels.chunks_exact(2 * self.size[0] as usize) {
-                let (upper, lower) = rows.split_at(self.size[0] as usize);
-                let pairs = upper.as_chunks::<2>().0.iter().zip(lower.as_chunks::<2>().0);
-                pixels.extend(pairs.map(|(&[a, b], &[c, d])| {
-                    let is_opaque = a[3] & b[3] & c[3] & d[3] == 255;
-                    if is_opaque && !table.is_plain {
-                        let mean = |k: usize| {
-                            0.25 * (light(a[k]) + light(b[k]) + light(c[k]) + light(d[k]))
-                        };
-                        return [values.of(mean(0)), values.of(mean(1)), values.of(mean(2)), 255];
-                    }
-                    let [a, b, c, d] = [a, b, c, d].map(|pixel| table.of(pixel));
-                    let mean = |k: usize| 0.25 * (a[k] + b[k] + c[k] + d[k]);
-                    table.pixel([mean(0), mean(1), mean(2), mean(3)])
-                }));
-            }
-            return ImageLevel { size, pixels };
-        }
-        for y in 0..size[1] {
-            for x in 0..size[0] {
-                let mut sum = [0.0; 4];
-                for (row, row_share) in merged(self.size[1], y) {
-                    for (column, column_share) in merged(self.size[0], x) {
-                        let light = table.of(self.pixels[row * self.size[0] as usize + column]);
-                        for (sum, light) in sum.iter_mut().zip(light) {
-                            *sum += row_share * column_share * light;
-                        }
-                    }
-                }
-                pixels.push(table.pixel(sum));
-            }
-        }
-        ImageLevel { size, pixels }
     }
 }
 
@@ -542,6 +523,28 @@ mod tests {
         }
     }
 
+    #[test]
+    fn bands_of_halves_are_those_of_whole_halves() {
+        let table = LightTable::new();
+        for size in [[6, 1000], [512, 260], [12, 520], [7, 300]] {
+            let (image, mut level) = (Decoded::of_level(noise(size)), noise(size));
+            // From below: nothing but the rows that are asked for is there.
+            for at in 1..image.levels.len() {
+                level = level.half(&table);
+                assert_eq!(image.levels[at].size, level.size);
+                let rows = level.pixels.chunks_exact(level.size[0] as usize);
+                for (y, row) in rows.enumerate().collect::<Vec<_>>().into_iter().rev() {
+                    assert_eq!(image.row(at, y, &table), row, "{size:?} {at} {y}");
+                }
+            }
+            assert_eq!(level.size, [1, 1]);
+        }
+        let image = Decoded::of_level(noise([512, 512]));
+        image.row(1, 200, &table);
+        let made = image.levels[1].bands.iter().filter(|band| band.get().is_some());
+        assert_eq!((image.levels[1].bands.len(), made.count()), (4, 1));
+    }
+
     fn decoded(pixels: &[[u8; 4]]) -> Decoded {
         let bytes = pixels.as_flattened().to_vec();
         let image = image::RgbaImage::from_raw(pixels.len() as u32, 1, bytes).unwrap();
@@ -584,7 +587,7 @@ mod tests {
         for (is_opaque, seen) in [(true, [200, 40, 0, 255]), (false, [0; 4])] {
             let decoded = Decoded::new(&picture(is_opaque), 0).unwrap();
             assert_eq!(decoded.levels.len(), 3);
-            assert_eq!(decoded.level(2, &LightTable::new()).pixels, [seen]);
+            assert_eq!(decoded.row(2, 0, &LightTable::new()), [seen]);
             assert_eq!(decoded.opacity_of([0.0, 0.0, 0.0, 1.0]), f32::from(u8::from(!is_opaque)));
         }
     }

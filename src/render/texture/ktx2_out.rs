@@ -4,7 +4,7 @@
 //! depend on each other, so it is coded in bands.
 
 use super::basis_coding::BasisCoding;
-use super::images::ImageLevel;
+use super::image_level::ImageLevel;
 use super::ktx2_image::SLICE_BYTES;
 use super::light_table::LightTable;
 use basis_universal::{BasisTextureFormat, ColorSpace, Compressor, CompressorParams, sys};

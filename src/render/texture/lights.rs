@@ -76,7 +76,8 @@ pub fn multiply(
     threads: usize,
     progress: &Progress,
 ) -> Result<()> {
-    SEEN.into_iter().try_for_each(|kind| {
+    let is_there = |kind: &MapKind| looks.0.paints.iter().any(|paint| paint.map(*kind).is_some());
+    SEEN.into_iter().filter(is_there).try_for_each(|kind| {
         look_up((kind, spots), looks, threads, progress, |i, light| {
             let own = &mut lights[i];
             *own = std::array::from_fn(|k| own[k] * light[k]);

@@ -7,6 +7,7 @@
 mod as_png;
 mod basis_coding;
 mod frames;
+mod image_level;
 mod images;
 mod jpeg;
 #[cfg(feature = "ktx2")]
