@@ -585,3 +585,33 @@ fn files_of_floats_and_of_doubles_meet() {
     assert_eq!(found["boundary_edges"].as_u64(), Some(open), "{found}");
     assert_eq!(found["components"].as_u64(), Some(1), "{found}");
 }
+
+/// All of a file lies in another: the whole beside its tiles, a tile again with its vertices in another order.
+#[test]
+fn files_that_others_cover_hold_each_triangle_once() {
+    let at = &scratch();
+    sheets(&at.join("tiles"), 10.0);
+    expect(at, "convert tiles whole.obj", 0);
+    let n_triangles = info(at, "whole.obj")["triangles"].as_u64();
+    let tile = std::fs::read_to_string(at.join("tiles/t_2.obj")).unwrap();
+    let n = tile.lines().filter(|line| line.starts_with('v')).count();
+    let (vertices, faces): (Vec<&str>, Vec<&str>) =
+        tile.lines().partition(|line| line.starts_with('v'));
+    let again =
+        vertices.into_iter().rev().map(str::to_owned).chain(faces.into_iter().map(|face| {
+            let corners =
+                face.split(' ').skip(1).map(|v| (n + 1 - v.parse::<usize>().unwrap()).to_string());
+            format!("f {}", corners.collect::<Vec<_>>().join(" "))
+        }));
+    let again = again.collect::<Vec<_>>().join("\n");
+    for (name, text) in
+        [("whole", std::fs::read_to_string(at.join("whole.obj")).unwrap()), ("again", again)]
+    {
+        std::fs::write(at.join("tiles/more.obj"), text).unwrap();
+        let found = info(at, "tiles --check");
+        assert_eq!(found["triangles"].as_u64(), n_triangles, "{name}: {found}");
+        assert_eq!(found["boundary_edges"].as_u64(), Some(2 * 128), "{name}: {found}");
+        let said = expect(at, "convert tiles out.obj --force", 0);
+        assert!(said.contains("that several hold were taken once"), "{name}: {said}");
+    }
+}

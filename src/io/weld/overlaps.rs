@@ -1,6 +1,6 @@
 //! Parts that lie on each other: vertices inside of them are joined as those at borders are.
 //!
-//! Borders that fit together leave nothing to look for. Otherwise vertices at borders lie inside of other parts: if most of
+//! Borders that fit together leave nothing to look for, unless one part covers another. Otherwise vertices at borders lie inside of other parts: if most of
 //! them have a copy there, the parts hold the same triangles, and all vertices in common boxes are joined.
 
 use super::neighbours::{INSIDE, Neighbours, Pairs};
@@ -19,6 +19,12 @@ use stonecut_system::error::Result;
 /// Vertices at borders without a copy, as a share of all, up to which nothing is looked for, and their number.
 const FEW: f64 = 0.01;
 const FEWEST: u64 = 8;
+
+/// A part lies in the box of another as far as this share of its own box, on each axis, where the one may hold the other's triangles:
+/// a file again, or a whole beside its tiles.
+const COVERED: f64 = 0.9;
+/// So many times the vertices are joined where parts that cover others hold the same triangles.
+const MANY_MORE: f64 = 1.1;
 
 /// Relation of the parts of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,12 +64,14 @@ pub(super) fn pairs(
     let pairs = joined(source, borders, found, &[], options)?;
     let Lonely { ids, partners, alone } = lonely(source, borders, (&boxes, &pairs), options)?;
     let (n_inside, n_border) = (ids.len() / 8, borders.n_vertices());
-    if n_inside < FEWEST.max((FEW * n_border as f64) as u64) || found.distance <= 0.0 {
+    let is_few = n_inside < FEWEST.max((FEW * n_border as f64) as u64);
+    let covering = covering(&boxes);
+    if is_few && covering.is_empty() || found.distance <= 0.0 {
         return Ok(JoinedPairs { pairs, overlap: Overlap::None, alone });
     }
     let region = |own: &Bounds| OverlapRegion { free: *own, others: Vec::new() };
     let mut regions: Vec<OverlapRegion> = boxes.iter().map(region).collect();
-    for (p, q) in partners {
+    for (p, q) in partners.into_iter().chain(covering) {
         regions[p].add(boxes[q]);
         regions[q].add(boxes[p]);
     }
@@ -74,8 +82,10 @@ pub(super) fn pairs(
         n_found += u64::from(v == other);
         if v <= other { ids.pass()? } else { joined.pass()? }
     }
-    let (pairs, overlap) = match 2 * n_found >= n_inside {
+    let is_more = wider.len() as f64 >= MANY_MORE * pairs.len() as f64;
+    let (pairs, overlap) = match is_more || !is_few && 2 * n_found >= n_inside {
         true => (wider, Overlap::Copies),
+        false if is_few => (pairs, Overlap::None),
         false => (pairs, Overlap::Other { n_inside, n_border }),
     };
     Ok(JoinedPairs { pairs, overlap, alone })
@@ -235,6 +245,20 @@ fn lonely(
     })?;
     let alone = (0..boxes.len()).filter(|&i| has_border[i] && !has_copies[i]).collect();
     Ok(Lonely { ids: ids.finish(source.path())?, partners, alone })
+}
+
+/// Pairs of boxes of which one covers the other.
+fn covering(boxes: &[Bounds]) -> BTreeSet<(usize, usize)> {
+    let covers = |a: &Bounds, b: &Bounds| {
+        (0..3).all(|axis| {
+            let common = a.high[axis].min(b.high[axis]) - a.low[axis].max(b.low[axis]);
+            common >= COVERED * (b.high[axis] - b.low[axis])
+        })
+    };
+    let near = neighbours_of(boxes).into_iter().enumerate();
+    let all = near.flat_map(|(a, others)| others.into_iter().map(move |b| (a, b)));
+    let found = all.filter(|&(a, b)| covers(&boxes[a], &boxes[b]));
+    found.map(|(a, b)| (a.min(b), a.max(b))).collect()
 }
 
 /// Of each box those that it meets.

@@ -72,6 +72,11 @@ fn join_records<const N: usize>(
     let (by_first, joined) =
         by_first::<N>(&source, Pairs::new(&pairs)?, how, memory_bytes, options)?;
     if joined == 0 {
+        let (vertices, mut source) = (source.n_vertices(), source);
+        if borders.is_some() {
+            let notes = Edits::new(&source).notes(overlap);
+            source.note_weld(WeldReport { vertices, notes, ..WeldReport::default() });
+        }
         return Ok(source);
     }
     let n_before = source.n_vertices();
