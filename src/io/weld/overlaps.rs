@@ -20,10 +20,10 @@ use stonecut_system::error::Result;
 const FEW: f64 = 0.01;
 const FEWEST: u64 = 8;
 
-/// A part lies in the box of another as far as this share of its own box, on each axis, where the one may hold the other's triangles:
+/// One part covers another where their boxes have this share of the other's in common on each axis, and may hold its triangles:
 /// a file again, or a whole beside its tiles.
 const COVERED: f64 = 0.9;
-/// So many times the vertices are joined where parts that cover others hold the same triangles.
+/// Where parts that cover others hold the same triangles, the number of joined vertices grows by this factor at least.
 const MANY_MORE: f64 = 1.1;
 
 /// Relation of the parts of a mesh.
