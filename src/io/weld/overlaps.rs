@@ -23,7 +23,7 @@ const FEWEST: u64 = 8;
 /// One part covers another where their boxes have this share of the other's in common on each axis, and may hold its triangles:
 /// a file again, or a whole beside its tiles.
 const COVERED: f64 = 0.9;
-/// Where parts that cover others hold the same triangles, the number of joined vertices grows by this factor at least.
+/// The number of joined vertices grows by this factor at least where parts that cover others hold the same triangles.
 const MANY_MORE: f64 = 1.1;
 
 /// Relation of the parts of a mesh.
