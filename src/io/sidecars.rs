@@ -4,6 +4,7 @@
 //! |---|---|
 //! | ContextCapture, iTwin | `metadata.xml` beside the mesh or one or two folders above: `SRS`, `SRSOrigin` |
 //! | OpenDroneMap | `odm_georeferencing_model_geo.txt` or `coords.txt` beside the mesh, or in `odm_georeferencing` beside its folder `odm_...`: zone and offset |
+//! | Pix4D | `NAME_offset.xyz` and `NAME_wkt.prj` of the project, beside `NAME_simplified_3d_mesh...` or in its `1_initial/params` |
 //! | Metashape, RealityCapture and others | `NAME.prj` (WKT), `NAME.xyz`, `NAME_offset.xyz` or `offset.xyz`: three numbers |
 //!
 //! | in the file | comment |
@@ -109,7 +110,10 @@ impl Georeference {
             name.starts_with("odm_").then(|| above.join("odm_georeferencing"))
         };
         let found = found.or_else(|| of_odm(folder)).or_else(|| of_odm(&is_odm()?));
-        found.or_else(|| of_name(mesh, folder))
+        let found = found.or_else(|| of_name(mesh, folder));
+        found.or_else(|| {
+            [folder, &higher.join("1_initial/params")].into_iter().find_map(|at| of_pix4d(mesh, at))
+        })
     }
 
     /// The loss of a place: a `metadata.xml` of a model beside a mesh or above it, a `.prj`, or a file of an offset beside it that is
@@ -136,6 +140,11 @@ impl Georeference {
             let remedy = "an offset is three numbers with decimal points; mend the file, or give --translate";
             Some(broken(path).remedy(remedy))
         })
+    }
+
+    /// True for no offset without a system: coordinates as they are.
+    pub(crate) fn is_nowhere(&self) -> bool {
+        self.crs.is_empty() && self.offset == [0.0; 3]
     }
 
     /// The place in a few words.
@@ -187,26 +196,51 @@ fn numbers(text: &str) -> Option<Vec<f64>> {
         .collect()
 }
 
+/// XML without its comments.
+fn plain_xml(text: &str) -> String {
+    let mut parts = text.split("<!--");
+    let first = parts.next().unwrap_or_default().to_owned();
+    parts.fold(first, |all, part| all + part.split_once("-->").map_or("", |(_, rest)| rest))
+}
+
+/// Text of XML with its entities resolved.
+fn unescaped(text: &str) -> String {
+    let entities =
+        [("&quot;", "\""), ("&apos;", "'"), ("&lt;", "<"), ("&gt;", ">"), ("&amp;", "&")];
+    entities.iter().fold(text.to_owned(), |text, (name, sign)| text.replace(name, sign))
+}
+
 fn of_context_capture(folder: &Path) -> Option<Georeference> {
     let path = folder.join("metadata.xml");
-    let text = text_of(&path)?;
-    let element = |name: &str| -> Option<&str> {
+    let text = plain_xml(&text_of(&path)?);
+    let element = |name: &str| -> Option<String> {
         let begin = text.find(&format!("<{name}>"))? + name.len() + 2;
         let end = text[begin..].find("</")?;
-        Some(text[begin..begin + end].trim())
+        Some(unescaped(text[begin..begin + end].trim()))
     };
     let srs = element("SRS")?;
     let crs = match srs.strip_prefix("ENU:") {
-        Some(place) if numbers(place)?.len() >= 2 => srs.to_owned(),
-        _ => epsg(srs).unwrap_or_default(),
+        Some(place) if numbers(place)?.len() >= 2 => srs,
+        _ => epsg(&srs).unwrap_or_default(),
     };
     let offset: [f64; 3] = match element("SRSOrigin") {
-        Some(origin) => numbers(origin)?.try_into().ok()?,
+        Some(origin) => numbers(&origin)?.try_into().ok()?,
         // Cut off, it may have had one.
         None if !text.contains("</ModelMetadata>") => return None,
         None => [0.0; 3],
     };
     Some(Georeference { crs, offset, found_in: vec![path] })
+}
+
+fn of_pix4d(mesh: &Path, folder: &Path) -> Option<Georeference> {
+    let stem = mesh.file_stem()?.to_str()?;
+    let (project, _) = stem.split_once("_simplified_3d_mesh")?;
+    let named = |end: &str| folder.join(format!("{project}{end}"));
+    let (prj, shift) = (named("_wkt.prj"), named("_offset.xyz"));
+    let offset = offset_in_text(&text_of(&shift)?)?;
+    let crs = text_of(&prj).and_then(|text| epsg(text.trim()));
+    let found_in = crs.iter().map(|_| prj.clone()).chain([shift]).collect();
+    Some(Georeference { crs: crs.unwrap_or_default(), offset, found_in })
 }
 
 fn of_odm(folder: &Path) -> Option<Georeference> {
@@ -296,7 +330,8 @@ mod tests {
         };
         let offset = [500_400.0, 4_600_200.0, 100.0];
         let flat = [500_400.0, 4_600_200.0, 0.0];
-        let rows: [(&str, String, &str, [f64; 3]); 9] = [
+        let escaped = wkt.replace('"', "&quot;");
+        let rows: [(&str, String, &str, [f64; 3]); 12] = [
             ("metadata.xml", xml("EPSG:32633"), "EPSG:32633", offset),
             ("../metadata.xml", xml(wkt), "EPSG:32633", offset),
             ("metadata.xml", xml("ENU:41.5,15.0"), "ENU:41.5,15.0", offset),
@@ -311,19 +346,30 @@ mod tests {
             ("metadata.xml", xml("EPSG:25832+7837"), "EPSG:25832+7837", offset),
             ("tile.xyz", "500400.000 4600200.000 100.000\n".into(), "", offset),
             ("offset.xyz", "500400, 4600200, 100".into(), "", offset),
+            ("metadata.xml", xml(&escaped), "EPSG:32633", offset),
+            (
+                "metadata.xml",
+                xml("EPSG:32633").replace("<SRS>", "<!-- <SRS>EPSG:1</SRS> --><SRS>"),
+                "EPSG:32633",
+                offset,
+            ),
+            ("../../1_initial/params/p_offset.xyz", "500400 4600200 100".into(), "", offset),
         ];
         for (name, text, crs, offset) in rows {
             let home = tempfile::tempdir().unwrap();
             let folder = home.path().join("a/odm_texturing");
             std::fs::create_dir_all(folder.join("../odm_georeferencing")).unwrap();
+            std::fs::create_dir_all(folder.join("../../1_initial/params")).unwrap();
             std::fs::write(folder.join(name), text).unwrap();
-            let found = Georeference::beside(&folder.join("tile.obj")).unwrap();
+            let mesh =
+                if name.contains("p_offset") { "p_simplified_3d_mesh.obj" } else { "tile.obj" };
+            let found = Georeference::beside(&folder.join(mesh)).unwrap();
             assert_eq!((found.crs.as_str(), found.offset), (crs, offset), "{name}");
             assert_eq!(found.found_in.len(), 1);
             let named = name.rsplit_once("../").map_or(name, |(_, name)| name);
             let words = found.words();
             assert!(words.contains("offset") && words.contains(named), "{words}");
-            assert_eq!(words.contains("/a/"), name.starts_with(".."), "{words}");
+            assert_eq!(words.contains('/'), name.starts_with(".."), "{words}");
         }
         let home = tempfile::tempdir().unwrap();
         assert_eq!(Georeference::beside(&home.path().join("a/b/tile.obj")), None);

@@ -238,6 +238,13 @@ fn files_that_count_from_different_places_are_brought_to_one() {
     std::fs::copy(at.join("t/b.ply"), at.join("mixed/b.ply")).unwrap();
     let said = expect(at, "convert mixed/a.obj mixed/b.ply no.ply", 4);
     assert!(said.contains("b.ply") && said.contains("another place"), "{said}");
+    assert!(said.contains("each of those") && said.contains("0 0 0"), "{said}");
+    // No offset is one, too, once a file says so.
+    square("mixed/a.obj", [5_000_000, 0]);
+    std::fs::write(at.join("mixed/a_offset.xyz"), "0 0 0\n").unwrap();
+    expect(at, "convert mixed/a.obj mixed/b.ply mixed.obj", 0);
+    let text = std::fs::read_to_string(at.join("mixed.obj")).unwrap();
+    assert!(text.contains("v 5000002 1 0") && text.matches("\nv ").count() == 6, "{text}");
     for (name, code) in [("a", 32633), ("b", 32632)] {
         std::fs::write(at.join(format!("beside/{name}.prj")), format!("EPSG:{code}")).unwrap();
     }

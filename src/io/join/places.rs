@@ -30,10 +30,14 @@ pub(super) fn is_place(comment: &str) -> bool {
 impl Places {
     /// The shift that takes a part to the place of the first one, if it has another.
     ///
-    /// Errors: one of them names no offset, or another system.
-    pub fn shift(&self, source: &MeshSource) -> Result<Option<[f64; 3]>> {
+    /// `found` is its place as files beside it say, which may be no offset: 0 0 0. Errors: one of them names no offset, or another system.
+    pub fn shift(
+        &self,
+        source: &MeshSource,
+        found: Option<&Georeference>,
+    ) -> Result<Option<[f64; 3]>> {
         let Some(first) = &self.first else { return Ok(None) };
-        let own = source.georeference();
+        let own = source.georeference().or_else(|| found.cloned());
         let named = |place: &Option<Georeference>| place.as_ref().map(|place| place.offset);
         let (from, to) = (named(&own), named(first));
         let other_crs =
@@ -45,9 +49,10 @@ impl Places {
             };
             let what = format!(
                 "its coordinates count from another place than those of the files before it ({}, not {}); \
-                 give it a file beside it that says its offset, or bring it there with --translate",
+                 give {} a file beside it that says its offset (0 0 0 if it has none), or bring it there with --translate",
                 words(&own),
-                words(first)
+                words(first),
+                if own.is_some() && first.is_none() { "each of those" } else { "it" }
             );
             return Err(Error::bad_input(source.path(), what));
         }
@@ -57,9 +62,9 @@ impl Places {
 
     /// Notes the place of a part.
     pub fn add(&mut self, source: &MeshSource, found: Option<Georeference>, is_moved: bool) {
-        self.first.get_or_insert_with(|| source.georeference());
+        self.first.get_or_insert_with(|| source.georeference().or_else(|| found.clone()));
         self.crs = self.crs.take().or_else(|| named_crs(source));
-        self.found = self.found.take().or(found);
+        self.found = self.found.take().or(found.filter(|found| !found.is_nowhere()));
         self.n_moved += u64::from(is_moved);
     }
 

@@ -210,7 +210,7 @@ impl Gathered {
 
     /// Appends a part.
     fn add(&mut self, part: &MeshPart, read: ReadPart, options: &StageOptions) -> Result<()> {
-        let shift = self.places.shift(&read.source)?;
+        let shift = self.places.shift(&read.source, read.found.as_ref())?;
         let read = if shift.is_some() { read_part(part, shift, options)? } else { read };
         let ReadPart { source, vertices, faces, layout, borders, bounds, content, found } = read;
         self.places.add(&source, found, shift.is_some());

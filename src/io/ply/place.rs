@@ -109,8 +109,8 @@ impl MeshSource {
             self.staged.losses.lose(loss);
         }
         let mut found = found?;
-        if found.crs.is_empty() && found.offset == [0.0; 3] {
-            return None;
+        if found.is_nowhere() {
+            return Some(found);
         }
         let is_own = |line: &String| offset_of(line).is_some() && !line.contains(SUBTRACTED);
         if self.comments().iter().any(is_own) {
@@ -156,7 +156,9 @@ impl MeshSource {
 
     /// Adds the remark on the place that was found beside a mesh.
     pub(crate) fn note_place(&mut self, found: &Georeference) {
-        self.note(Loss::remark(format!("{LIES_AT}{}", found.words())));
+        if !found.is_nowhere() {
+            self.note(Loss::remark(format!("{LIES_AT}{}", found.words())));
+        }
     }
 
     /// The place that comments name, in the axes of the file.
