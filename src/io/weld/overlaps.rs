@@ -23,7 +23,7 @@ const FEWEST: u64 = 8;
 /// One part covers another where their boxes have this share of the other's in common on each axis, and may hold its triangles:
 /// a file again, or a whole beside its tiles.
 const COVERED: f64 = 0.9;
-/// The number of joined vertices grows by this factor at least where parts that cover others hold the same triangles.
+/// The number of joined vertices grows by more than this factor where parts that cover others hold the same triangles.
 const MANY_MORE: f64 = 1.1;
 
 /// Relation of the parts of a mesh.
@@ -82,7 +82,7 @@ pub(super) fn pairs(
         n_found += u64::from(v == other);
         if v <= other { ids.pass()? } else { joined.pass()? }
     }
-    let is_more = wider.len() as f64 >= MANY_MORE * pairs.len() as f64;
+    let is_more = wider.len() as f64 > MANY_MORE * pairs.len() as f64;
     let (pairs, overlap) = match is_more || !is_few && 2 * n_found >= n_inside {
         true => (wider, Overlap::Copies),
         false if is_few => (pairs, Overlap::None),

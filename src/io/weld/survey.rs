@@ -99,16 +99,13 @@ pub(super) fn survey(source: &MeshSource) -> Result<Option<Found>> {
     let limit = sample.limit(source, &edges);
     if !is_loose {
         // Copies in exactly one place are the kernel's; what an edge connects is a small triangle.
-        let near = sample.nearest(limit, |_, _| true);
-        if !near.iter().any(|&(_, distance)| distance > 0.0) {
+        if sample.nearest(limit, |_, _| true).last().is_none_or(|&far| far == 0.0) {
             return Ok(None);
         }
         sample.keep(&open_among(source, &sample.ids())?);
     }
     let n = sample.vertices.len();
     let near = sample.nearest(limit, |_, _| true);
-    let mut near: Vec<f64> = near.into_iter().map(|(_, d)| d).collect();
-    near.sort_by(f64::total_cmp);
     let is_exact = near.last().is_none_or(|&far| far == 0.0);
     let enough = if is_loose { LOOSE_NEAR } else { OPEN_NEAR } * n as f64;
     let found = Found { is_loose, is_exact, bounds: sample.bounds, ..Found::default() };
@@ -179,8 +176,6 @@ pub(super) fn of_parts(source: &MeshSource, borders: &OpenBorders, how: Weld) ->
             let ends = ends_of_parts(source);
             let part = |v: u64| ends.partition_point(|&end| end <= v);
             let near = sample.nearest(0.5 * limit, |a, b| part(a) != part(b));
-            let mut near: Vec<f64> = near.into_iter().map(|(_, d)| d).collect();
-            near.sort_by(f64::total_cmp);
             let far = near.get(near.len() * 98 / 100).copied().unwrap_or(0.0);
             let grain = borders.grain.max(source.schema().rounding() * largest(&bounds));
             let of_type = 4.0 * grain;
@@ -285,8 +280,8 @@ impl Sample {
         if self.vertices.is_empty() { None } else { steps.into_iter().find(is_one) }
     }
 
-    /// Vertices with another one that `counts` within `limit`, and its distance.
-    fn nearest(&self, limit: f64, counts: impl Fn(u64, u64) -> bool) -> Vec<(u64, f64)> {
+    /// Distances of vertices from the nearest one that `counts`, up to `limit`; ascending.
+    fn nearest(&self, limit: f64, counts: impl Fn(u64, u64) -> bool) -> Vec<f64> {
         let mut out = Vec::new();
         for cell in self.vertices.chunk_by(|a, b| a.0 == b.0) {
             let cell = &cell[..cell.len().min(MOST_IN_CELL)];
@@ -295,10 +290,11 @@ impl Sample {
                 let nearest =
                     others.map(|(_, b)| length_sq(sub(a.2, b.2))).fold(f64::INFINITY, f64::min);
                 if nearest <= limit * limit {
-                    out.push((a.1, nearest.sqrt()));
+                    out.push(nearest.sqrt());
                 }
             }
         }
+        out.sort_by(f64::total_cmp);
         out
     }
 
@@ -306,8 +302,6 @@ impl Sample {
     fn suggest(&self, edges: &EdgeLengths) -> Option<Suggested> {
         let limit = 0.5 * ASKED_SHARE_OF_EDGE * edges.short;
         let near = self.nearest(limit, |_, _| true);
-        let mut near: Vec<f64> = near.into_iter().map(|(_, d)| d).collect();
-        near.sort_by(f64::total_cmp);
         let is_most = 2 * near.len() > self.vertices.len();
         let distance = *near.get(near.len().saturating_sub(1) * 99 / 100)?;
         let wider = (2.5 * distance).min(ASKED_SHARE_OF_EDGE * edges.middle);
