@@ -85,6 +85,11 @@ impl MeshSource {
         &self,
         mut each: impl FnMut(u64, &FullFace) -> Result<()>,
     ) -> Result<u64> {
+        self.visit_full_faces(&mut each)
+    }
+
+    /// Compiled once and in this crate, whatever is done with a face.
+    fn visit_full_faces(&self, each: &mut dyn FnMut(u64, &FullFace) -> Result<()>) -> Result<u64> {
         let start = match &self.layout.faces {
             FaceLayout::Fixed { offset, .. } => Mark { offset: *offset, ..Mark::default() },
             FaceLayout::Indexed(rows) => rows.blocks.first().map_or(Mark::default(), |b| b.0),
