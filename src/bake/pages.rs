@@ -6,12 +6,11 @@
 use super::page_kind::{Page, PageKind};
 use super::settings::{Means, PADDING};
 use std::cell::RefCell;
-use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use stonecut_render::texture::{BasisCoding, ktx2_file};
-use stonecut_system::disk::{Disk, DiskFile, scratch_file_of};
+use stonecut_system::disk::{Disk, DiskFile, ScatteredFile};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::parallel::in_order;
 use stonecut_system::progress::Progress;
@@ -43,7 +42,7 @@ pub(super) struct Texel {
 /// Place of the texels of pages.
 enum Store {
     Memory(Vec<u8>),
-    File(File),
+    File(ScatteredFile),
 }
 
 /// Pages while they are filled.
@@ -71,7 +70,7 @@ impl Canvas {
         let store = if end <= most_bytes {
             Store::Memory(vec![0; end as usize])
         } else {
-            Store::File(scratch_file_of(folder, end).map_err(fail)?)
+            Store::File(ScatteredFile::new(folder, end).map_err(fail)?)
         };
         let folder = folder.to_path_buf();
         let (sizes, account) = (sizes.to_vec(), disk.part());

@@ -19,12 +19,14 @@ mod gate;
 mod note;
 mod own;
 mod publish;
+mod scattered;
 use account::Account;
 use crash_model::Losses;
 pub use crash_model::PowerLoss;
 pub use gate::{kind_of, open_input, read_own, read_regular};
 pub use note::{note_of, set_note};
 pub use own::{IsOurs, check_own, foreign_below, is_empty};
+pub use scattered::ScatteredFile;
 
 /// A handle on the file system; clones share their counters.
 #[derive(Clone, Debug, Default)]
@@ -339,21 +341,6 @@ impl Drop for ScratchFolder {
     fn drop(&mut self) {
         let _ = std::fs::remove_dir_all(&self.0);
     }
-}
-
-/// A scratch file of `n_bytes` zeros that is written in no order.
-///
-/// Its blocks are taken at once where the file system can do that: one that is filled here and there lies in thousands of
-/// pieces, and to free these takes minutes where each is discarded on the device.
-pub fn scratch_file_of(folder: &Path, n_bytes: u64) -> std::io::Result<File> {
-    use rustix::fs::{FallocateFlags, fallocate};
-    use rustix::io::Errno;
-    let file = scratch_file(folder)?;
-    match fallocate(&file, FallocateFlags::empty(), 0, n_bytes) {
-        Err(Errno::NOSPC) => return Err(Errno::NOSPC.into()),
-        Ok(()) | Err(_) => file.set_len(n_bytes)?,
-    }
-    Ok(file)
 }
 
 /// The folder a file lies in.
