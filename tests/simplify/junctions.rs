@@ -16,7 +16,7 @@ fn radius(around: f64, down: f64) -> f64 {
     1.0 + 0.1 * (5.0 * around).sin() * down.sin()
 }
 
-/// A dented ball with a wall inside, each half and the wall with a label.
+/// A dented ball with a wall inside: the labels of its halves and of the wall, whose rim has vertices of its own if it is apart.
 ///
 /// ```text
 ///     .--1--.
@@ -25,7 +25,7 @@ fn radius(around: f64, down: f64) -> f64 {
 ///    \       /
 ///     '--2--'
 /// ```
-fn write_ball(path: &Path, with_labels: bool) {
+fn write_ball(path: &Path, labels: Option<[u32; 3]>, is_apart: bool) {
     let angle = |j: usize| std::f64::consts::TAU * j as f64 / N as f64;
     let mut places = vec![[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 0.0]];
     for i in 1..M {
@@ -46,43 +46,48 @@ fn write_ball(path: &Path, with_labels: bool) {
             ]
         }));
     }
+    let (rim, equator) = (places.len(), 3 + (M / 2 - 1) * N);
+    if is_apart {
+        places.extend_from_within(equator..equator + N);
+    }
     let on_ball = |i: usize, j: usize| match i {
         0 => 0,
         M => 1,
         _ => 3 + (i - 1) * N + j % N,
     };
     let on_wall = |k: usize, j: usize| match k {
+        0 if is_apart => rim + j % N,
         0 => on_ball(M / 2, j),
         K => 2,
         _ => 3 + (M - 1) * N + (k - 1) * N + j % N,
     };
     let mut faces = Vec::new();
-    let mut square = |[a, b, c, d]: [usize; 4], label: u32| {
+    let mut square = |[a, b, c, d]: [usize; 4], sheet: usize| {
         let halves = [[a, b, c], [a, c, d]].into_iter();
         faces.extend(
-            halves.filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]).map(|t| (t, label)),
+            halves.filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]).map(|t| (t, sheet)),
         );
     };
     for j in 0..N {
         for i in 0..M {
             let corners =
                 [on_ball(i, j), on_ball(i + 1, j), on_ball(i + 1, j + 1), on_ball(i, j + 1)];
-            square(corners, if i < M / 2 { 1 } else { 2 });
+            square(corners, usize::from(i >= M / 2));
         }
         for k in 0..K {
-            square([on_wall(k, j), on_wall(k + 1, j), on_wall(k + 1, j + 1), on_wall(k, j + 1)], 3);
+            square([on_wall(k, j), on_wall(k + 1, j), on_wall(k + 1, j + 1), on_wall(k, j + 1)], 2);
         }
     }
     let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", places.len());
     text += "property double x\nproperty double y\nproperty double z\n";
     text += &format!("element face {}\nproperty list uchar int vertex_indices\n", faces.len());
-    text += if with_labels { "property int label\nend_header\n" } else { "end_header\n" };
+    text += if labels.is_some() { "property int label\nend_header\n" } else { "end_header\n" };
     for [x, y, z] in places {
         text += &format!("{x} {y} {z}\n");
     }
-    for ([a, b, c], label) in faces {
-        text += &format!("3 {a} {b} {c}");
-        text += &if with_labels { format!(" {label}\n") } else { "\n".to_owned() };
+    for ([a, b, c], sheet) in faces {
+        let label = labels.map_or(String::new(), |labels| format!(" {}", labels[sheet]));
+        text += &format!("3 {a} {b} {c}{label}\n");
     }
     std::fs::write(path, text).unwrap();
 }
@@ -110,8 +115,15 @@ fn edges(path: &Path) -> BTreeMap<[[u64; 3]; 2], u32> {
 #[test]
 fn a_wall_stays_joined_to_the_ball_around_it() {
     let folder = tempfile::tempdir().unwrap();
-    for with_labels in [false, true] {
-        write_ball(&folder.path().join("ball.ply"), with_labels);
+    let kinds = [
+        (None, false),
+        (Some([1, 2, 3]), false),
+        // The halves of the ball are one sheet, and the wall another that ends on it.
+        (Some([1, 1, 3]), false),
+        (None, true),
+    ];
+    for (labels, is_apart) in kinds {
+        write_ball(&folder.path().join("ball.ply"), labels, is_apart);
         for (options, least) in [
             ("--ratio 20%", 30),
             ("--ratio 5%", 16),
@@ -120,11 +132,15 @@ fn a_wall_stays_joined_to_the_ball_around_it() {
             ("--ratio 5% --cell-triangles 2k", 16),
             ("--ratio 20% --cell-triangles 1k", 30),
         ] {
+            // Vertices in one place are joined where all of them are known.
+            if is_apart && options.contains("cell") {
+                continue;
+            }
             let words = format!("simplify ball.ply small.ply {options} --force --restart");
             expect(folder.path(), &words, 0);
             let edges = edges(&folder.path().join("small.ply"));
             let n = |wanted: fn(u32) -> bool| edges.values().filter(|n| wanted(**n)).count();
-            assert_eq!(n(|n| n == 1 || n > 3), 0, "{options}, labels {with_labels}: closed");
+            assert_eq!(n(|n| n == 1 || n > 3), 0, "{options}, {labels:?}, {is_apart}: closed");
             let on_curve = edges.iter().filter(|(_, n)| **n == 3);
             let mut at: BTreeMap<[u64; 3], u32> = BTreeMap::new();
             for (ends, _) in on_curve {

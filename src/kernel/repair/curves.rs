@@ -32,7 +32,8 @@ impl Curves {
         place: impl Fn(u32) -> u32,
         may_be_on: impl Fn(u32) -> bool,
     ) -> Self {
-        let is_inner = |v: u32| surface.rings[v as usize].class == Some(Class::Interior);
+        let is_inner =
+            |v: u32| surface.rings[v as usize].class == Some(Class::Interior) && place(v) == v;
         let mut sides: Vec<Side> = Vec::new();
         for t in surface.triangles.iter().filter(|t| t[0] != GONE) {
             for (a, b, c) in [(t[0], t[1], t[2]), (t[1], t[2], t[0]), (t[2], t[0], t[1])] {

@@ -39,12 +39,11 @@ pub(crate) fn coincident(
     let is_open = |v: u32| surface.rings[v as usize].class != Some(Class::Locked);
     let curves = Curves::find(surface, |v| joined[v as usize], is_open);
     locked.iter().for_each(|&(v, _)| joined[v as usize] = v);
-    if mends {
-        join.retain(|&(v, into)| {
-            joined[v as usize] = if curves.has(into) { into } else { v };
-            curves.has(into)
-        });
-    }
+    join.retain(|&(v, into)| {
+        let joins = !mends && !is_inner(surface, v) || curves.has(into);
+        joined[v as usize] = if joins { into } else { v };
+        joins
+    });
     loop {
         let bad = conflicts(surface, &join, &joined, &curves);
         if bad.is_empty() {
@@ -91,7 +90,8 @@ pub(crate) fn coincident(
     join.len() as u64
 }
 
-/// Vertices with open edges, each with the one of lowest source in the same place.
+/// Vertices with open edges, and those within a sheet on which an open edge of another ends, each with the one of lowest source
+/// with open edges in the same place.
 struct Candidates {
     /// Free ones, ascending.
     join: Vec<(u32, u32)>,
@@ -99,7 +99,12 @@ struct Candidates {
     locked: Vec<(u32, u32)>,
 }
 
-/// Finds vertices with open edges in one place. Where one of them is locked, they all become so.
+/// True for a vertex within a sheet. It joins others along junction curves alone.
+fn is_inner(surface: &Surface, v: u32) -> bool {
+    surface.rings[v as usize].class == Some(Class::Interior)
+}
+
+/// Finds vertices with open edges in one place, and those within sheets there. Where one of them is locked, they all become so.
 fn candidates(surface: &mut Surface) -> Candidates {
     // Where several fans of one chart meet in a vertex, the gaps may be what other charts fill.
     let may_join = |v: &u32| {
@@ -112,27 +117,57 @@ fn candidates(surface: &mut Surface) -> Candidates {
         }
     };
     let place = |v: u32| place_bits(surface.vertices[v as usize].position);
-    let mut found: Vec<([u64; 3], u32, u32)> = (0..surface.vertices.len() as u32)
-        .filter(may_join)
-        .map(|v| (place(v), surface.source[v as usize], v))
-        .collect();
+    let entry = |v: u32| (place(v), is_inner(surface, v), surface.source[v as usize], v);
+    let all = 0..surface.vertices.len() as u32;
+    let mut found: Vec<_> = all.clone().filter(may_join).map(entry).collect();
+    let marks = Marks::new(found.iter().map(|entry| entry.0));
+    found.extend(all.filter(|&v| is_inner(surface, v) && marks.may_have(place(v))).map(entry));
     found.sort_unstable();
     let (mut join, mut locked) = (Vec::new(), Vec::new());
     for group in found.chunk_by(|a, b| a.0 == b.0).filter(|group| group.len() > 1) {
         let class = |v: u32| surface.rings[v as usize].class;
-        if group.iter().any(|&(_, _, v)| class(v) == Some(Class::Locked)) {
-            for &(_, _, v) in group {
+        let first = group[0].3;
+        if group.iter().any(|&(.., v)| class(v) == Some(Class::Locked)) {
+            for &(.., v) in group {
                 surface.rings[v as usize].class = Some(Class::Locked);
-                locked.push((v, group[0].2));
+                locked.push((v, first));
             }
-            continue;
-        }
-        for &(_, _, v) in &group[1..] {
-            join.push((v, group[0].2));
+        } else if !is_inner(surface, first) {
+            join.extend(group[1..].iter().map(|&(.., v)| (v, first)));
         }
     }
     join.sort_unstable();
     Candidates { join, locked }
+}
+
+/// Places, a bit each, of which some are marked that are not among them.
+struct Marks(Vec<u64>);
+
+impl Marks {
+    /// Memory: 2 to 4 bytes a place.
+    fn new(places: impl ExactSizeIterator<Item = [u64; 3]>) -> Self {
+        let n_words =
+            if places.len() == 0 { 0 } else { (places.len() / 4 + 1).next_power_of_two() };
+        let mut marks = Self(vec![0; n_words]);
+        for place in places {
+            let (word, bit) = marks.at(place);
+            marks.0[word] |= bit;
+        }
+        marks
+    }
+
+    fn at(&self, place: [u64; 3]) -> (usize, u64) {
+        let mixed = place
+            .into_iter()
+            .fold(0u64, |sum, x| (sum.rotate_left(21) ^ x).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        ((mixed >> 6) as usize >> 20 & (self.0.len() - 1), 1 << (mixed >> 58))
+    }
+
+    /// True for each of the places, and for one in sixteen others.
+    fn may_have(&self, place: [u64; 3]) -> bool {
+        let (word, bit) = if self.0.is_empty() { return false } else { self.at(place) };
+        self.0[word] & bit != 0
+    }
 }
 
 /// Vertices, ascending, whose joining would repeat a directed edge or a corner, but on junction curves.
