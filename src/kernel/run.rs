@@ -2,6 +2,7 @@
 
 use crate::bound::tracker::Tracker;
 use crate::collapse::legality::Reject;
+use crate::cost::labels::Labels;
 use crate::crossing::Crossings;
 use crate::earlier::EarlierRun;
 use crate::fit;
@@ -94,7 +95,11 @@ pub(crate) fn start(
         wedges.region = options.region.filter(|&channel| channel < state.surface.n_channels);
         wedges.seam_share = f64::from(options.seam_share);
     }
-    state.label = options.label.filter(|&channel| channel < state.surface.n_channels);
+    let label = options.label.filter(|&channel| channel < state.surface.n_channels);
+    // With the distance itself a border keeps twice the triangles (docs/design/attributes.md).
+    let reach =
+        options.bound.map_or(f64::INFINITY, |bound| 2.0 * bound.distance * state.surface.scale);
+    state.labels = label.map(|channel| Labels { channel, reach });
     let mut driver = Driver::new(state, simd, options.topology);
     driver.interrupt = options.interrupt.clone();
     driver.changes.add_cleaned(cleaned, approached);

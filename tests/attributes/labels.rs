@@ -105,6 +105,18 @@ fn borders_of_labels_stay_sharp() {
 }
 
 #[test]
+fn borders_of_labels_stay_within_a_bound() {
+    let at = &scratch();
+    let mesh = sphere(60);
+    write(&at.join("in.ply"), &mesh, "uchar label", |v| vec![label(mesh.0[v])]);
+    let before = wrong(&at.join("in.ply"));
+    expect(at, "simplify in.ply out.ply --max-error 0.2", 0);
+    let after = wrong(&at.join("out.ply"));
+    // 10 % where the bound holds positions alone.
+    assert!(after < before + 0.01, "{after} after {before}");
+}
+
+#[test]
 fn numbers_of_vertices_hold_nothing() {
     let at = &scratch();
     let mesh = sphere(40);

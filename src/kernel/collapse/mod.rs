@@ -115,13 +115,14 @@ impl Collapser {
             }
             None => None,
         };
-        let label = state.label.map(|channel| state.surface.channels_of(v1)[channel]);
+        let label =
+            state.labels.map(|own| (own.channel, state.surface.channels_of(v1)[own.channel]));
         if state.attributes.is_some() | state.wedges.is_some() {
             self.with_wedges(known, state, plan, &around, found.quadric(), number);
         } else {
             self.carry_out::<L>(known, &mut state.surface, plan, &around, found.quadric(), number);
         }
-        if let (Some(channel), Some(label)) = (state.label, label) {
+        if let Some((channel, label)) = label {
             state.set_at(v1, channel, label);
         }
         if let Some(tracker) = bound {

@@ -16,16 +16,26 @@ use crate::vertex::GONE;
 use stonecut_mesh::corners::others;
 use stonecut_mesh::vec3::{Vec3, add, dot, length_sq, scale, sub};
 
+/// The labels of vertices.
+#[derive(Clone, Copy)]
+pub(crate) struct Labels {
+    /// Their channel.
+    pub(crate) channel: usize,
+    /// No collapse moves a border between two of them farther, in the units of the surface's quadrics.
+    pub(crate) reach: f64,
+}
+
 /// Corrects eight edges; where `fixed` is not 0, the survivor stays at `v1`.
 #[inline(never)]
 pub(crate) fn correct(
     surface: &Surface,
-    (wedges, channel): (Option<&Wedges>, usize),
+    (wedges, labels): (Option<&Wedges>, Labels),
     v0: &[u32; 8],
     v1: &[u32; 8],
     fixed: &[f32; 8],
     found: &mut Evaluated,
 ) {
+    let Labels { channel, reach } = labels;
     for i in 0..8 {
         let ends = [v0[i], v1[i]];
         if found.cost[i] == f32::INFINITY || ends[0] == ends[1] {
@@ -37,8 +47,10 @@ pub(crate) fn correct(
         let is_free = fixed[i] == 0.0 && surface.placement == Placement::Optimal;
         let place = std::array::from_fn(|k| f64::from(found.place[k][i]));
         let edge = Edge::new(surface, ends, [border0.quadric, border1.quadric]);
-        let (place, more) = if label(surface, channel, ends[0]) != label(surface, channel, ends[1])
-        {
+        let takes_other = label(surface, channel, ends[0]) != label(surface, channel, ends[1]);
+        let (place, more) = if takes_other && 2.0 * length_sq(edge.half).sqrt() > reach {
+            (place, f64::INFINITY)
+        } else if takes_other {
             (place, edge.area_lost())
         } else if border0.is_none() && border1.is_none() {
             continue;
@@ -47,7 +59,9 @@ pub(crate) fn correct(
         } else {
             (place, edge.at_borders(place))
         };
+        let is_beyond = !takes_other && edge.distance_sq(place) > reach * reach;
         // Written so that NaN is infinite.
+        let more = if is_beyond { f64::INFINITY } else { more };
         let cost = f64::from(found.cost[i]) + more;
         found.cost[i] =
             if cost < f64::from(f32::MAX) { cost.max(0.0) as f32 } else { f32::INFINITY };
@@ -133,6 +147,12 @@ impl Edge {
     fn at_borders(&self, place: Vec3) -> f64 {
         let [q0, q1] = &self.borders;
         product(q0, add(place, self.half)) + product(q1, sub(place, self.half))
+    }
+
+    /// Mean squared distance of a place from the lines of both ends' borders.
+    fn distance_sq(&self, place: Vec3) -> f64 {
+        let length_sq: f64 = self.borders.iter().map(|q| 0.5 * (q[0] + q[3] + q[5])).sum();
+        if length_sq > 0.0 { self.at_borders(place) / length_sq } else { 0.0 }
     }
 
     /// Cost of both ends at a place, as `cost::quadric` has it.

@@ -264,6 +264,7 @@ impl<'a> Work<'a> {
         if n == 0 {
             return;
         }
+        let label = self.state.labels.map(|labels| labels.channel);
         let mut channels = self.state.surface.channels.clone();
         let mut faces = std::mem::take(&mut self.faces);
         for v in (0..self.place.len()).filter(|&v| self.place[v] != self.before[v]) {
@@ -281,7 +282,7 @@ impl<'a> Work<'a> {
             for (w, weight) in triangle.into_iter().zip(weights).filter(|&(w, _)| w != v as u32) {
                 let values = corners.values_at(t, w);
                 let all = channels[v * n..][..n].iter_mut().enumerate();
-                for (k, channel) in all.filter(|(k, _)| self.state.label != Some(*k)) {
+                for (k, channel) in all.filter(|(k, _)| Some(*k) != label) {
                     let step = weight * (values[k] - own[k]);
                     *channel += if step.is_finite() { step } else { 0.0 };
                 }

@@ -40,8 +40,8 @@ pub(super) fn evaluate_eight<L: Lanes>(
     if surface.placement != Placement::Optimal {
         placement::choose(surface.placement, (from, to), fixed, surface.scale, &mut found);
     }
-    if let Some(channel) = state.label {
-        labels::correct(surface, (state.wedges.as_deref(), channel), v0, v1, fixed, &mut found);
+    if let Some(own) = state.labels {
+        labels::correct(surface, (state.wedges.as_deref(), own), v0, v1, fixed, &mut found);
     }
     found
 }

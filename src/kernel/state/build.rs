@@ -125,7 +125,7 @@ impl MeshState {
             unscale: 1.0 / scale,
         };
         let attributes = Attributes::new(weights, confined, scale, simd).map(Box::new);
-        let mut state = MeshState { surface, attributes, wedges: None, label: None };
+        let mut state = MeshState { surface, attributes, wedges: None, labels: None };
         let may_be_flat = state.build(simd, Classes::Unknown);
         (state, may_be_flat, original)
     }

@@ -8,6 +8,7 @@ pub(crate) mod recompute;
 pub(crate) mod validate;
 
 use crate::cost::attributes::Attributes;
+use crate::cost::labels::Labels;
 use crate::options::{Options, Placement};
 use crate::surface::Surface;
 use crate::surface::flats::Flats;
@@ -22,8 +23,8 @@ pub(crate) struct MeshState {
     pub(crate) attributes: Option<Box<Attributes>>,
     /// Only if there are attribute seams.
     pub(crate) wedges: Option<Box<Wedges>>,
-    /// The channel with the labels of vertices.
-    pub(crate) label: Option<usize>,
+    /// Only if vertices have labels.
+    pub(crate) labels: Option<Labels>,
 }
 
 impl MeshState {
