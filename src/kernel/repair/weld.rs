@@ -120,7 +120,7 @@ fn candidates(surface: &mut Surface) -> Candidates {
     let entry = |v: u32| (place(v), is_inner(surface, v), surface.source[v as usize], v);
     let all = 0..surface.vertices.len() as u32;
     let mut found: Vec<_> = all.clone().filter(may_join).map(entry).collect();
-    let marks = Marks::new(found.iter().map(|entry| entry.0));
+    let marks = MarkedPlaces::new(found.iter().map(|entry| entry.0));
     found.extend(all.filter(|&v| is_inner(surface, v) && marks.may_have(place(v))).map(entry));
     found.sort_unstable();
     let (mut join, mut locked) = (Vec::new(), Vec::new());
@@ -141,9 +141,9 @@ fn candidates(surface: &mut Surface) -> Candidates {
 }
 
 /// Places, a bit each, of which some are marked that are not among them.
-struct Marks(Vec<u64>);
+struct MarkedPlaces(Vec<u64>);
 
-impl Marks {
+impl MarkedPlaces {
     /// Memory: 2 to 4 bytes a place.
     fn new(places: impl ExactSizeIterator<Item = [u64; 3]>) -> Self {
         let n_words =
