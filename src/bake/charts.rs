@@ -7,6 +7,7 @@ use super::density::Density;
 use super::flatten::{FLATTEN_BYTES, Flat, flatten};
 use super::grid::area;
 use super::packing::{Wanted, pack};
+use super::page_kind::PagePart;
 use super::settings::{Corner, Means, NONE, Options};
 use std::path::Path;
 use stonecut_mesh::Mesh;
@@ -130,17 +131,37 @@ impl Charts {
         let [width, height] = self.pages[page as usize].map(|side| side as f32);
         let uv = self.corners[triangle]
             .map(|[x, y]| [(x / width).clamp(0.0, 1.0), (1.0 - y / height).clamp(0.0, 1.0)]);
-        Corner { page, uv }
+        Corner { part: page, uv }
     }
 
-    /// Writes a record for each triangle, durably.
-    pub fn write(&self, path: &Path, disk: &Disk) -> Result<()> {
+    /// Parts of pages, and for each triangle its own; `blends` as the texels say it, empty for parts that are pages.
+    pub fn parts(&self, blends: &[bool], all_blend: bool) -> (Vec<PagePart>, Vec<u32>) {
+        let n_pages = self.pages.len() as u32;
+        if blends.is_empty() {
+            let parts = (0..n_pages).map(|page| PagePart { page, blends: all_blend });
+            return (parts.collect(), self.page.clone());
+        }
+        let place = |t: usize| 2 * self.page[t] as usize + usize::from(blends[t]);
+        let mut number = vec![None; 2 * self.pages.len()];
+        (0..self.page.len()).for_each(|t| number[place(t)] = Some(0));
+        let mut parts = Vec::new();
+        for (at, own) in number.iter_mut().enumerate().filter(|(_, own)| own.is_some()) {
+            *own = Some(parts.len() as u32);
+            parts.push(PagePart { page: at as u32 / 2, blends: at % 2 == 1 });
+        }
+        let own = (0..self.page.len()).map(|t| number[place(t)].unwrap_or_default());
+        (parts, own.collect())
+    }
+
+    /// Writes a record for each triangle, durably; `parts` as `parts` returns them.
+    pub fn write(&self, parts: &[u32], path: &Path, disk: &Disk) -> Result<()> {
         let mut file = disk.create(path)?;
         let mut bytes = Vec::new();
         for first in (0..self.page.len()).step_by(1 << 16) {
             bytes.clear();
             let triangles = first..(first + (1 << 16)).min(self.page.len());
-            triangles.for_each(|t| self.corner(t).write(&mut bytes));
+            let corner = |t: usize| Corner { part: parts[t], ..self.corner(t) };
+            triangles.for_each(|t| corner(t).write(&mut bytes));
             file.append(&bytes)?;
         }
         file.sync()

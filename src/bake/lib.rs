@@ -44,7 +44,7 @@ use need::{CANVAS_SHARE, CELL_SHARE, FRAME_BYTES, IMAGE_SHARE, POINT_SHARE};
 use need::{free_bytes, least_work_bytes};
 use original::Original;
 use page_kind::PageKind;
-pub use page_kind::{Page, Sheet, SheetPages};
+pub use page_kind::{Page, PagePart, Sheet, SheetPages};
 use pages::Canvas;
 use serde::{Deserialize, Serialize};
 use settings::NormalReport;
@@ -86,6 +86,8 @@ pub struct Baked {
     pub tangents: Option<PathBuf>,
     /// Records of `Corner::BYTES` bytes, one a triangle in the order of the result.
     pub corners: PathBuf,
+    /// Parts of pages as these records number them; each is a material.
+    pub parts: Vec<PagePart>,
     /// Look of the pages besides their images.
     pub finish: Finish,
     /// True if the pages show all colours of vertices: no image of the original is seen through them.
@@ -200,11 +202,15 @@ pub fn bake(
     canvases.count();
     losses.merge(&cache.losses());
     let coding = options.coding;
-    let colours_in = |kinds: &[MapKind], is_opaque: bool| {
-        PageKind::of_colours(coding, is_opaque && palette.is_photographic(kinds))
-    };
+    let colours_in =
+        |kinds: &[MapKind]| PageKind::of_colours(coding, palette.is_photographic(kinds));
+    let look = palette.finish(seen.has_alpha, !seen.blends.is_empty());
+    // Of PLY, materials are images.
+    let all_blend = look.base[3] < 1.0 || !options.beside.surface;
+    let blends = if all_blend { &[] } else { &seen.blends[..] };
+    let (parts, numbers) = charts.parts(blends, look.blends);
     let corners = place.join(format!("{name}-corners.part"));
-    charts.write(&corners, means.disk)?;
+    charts.write(&numbers, &corners, means.disk)?;
     let tangents = options.normals.then(|| place.join(format!("{name}-tangents.part")));
     if let Some(path) = &tangents {
         charts.write_tangents(path, means.disk)?;
@@ -223,7 +229,7 @@ pub fn bake(
             None => Ok((vec![Vec::new(); kinds.len()], 0)),
         }
     };
-    let colours = [(colours_in(&SEEN, !seen.has_alpha), "")];
+    let colours = [(colours_in(&SEEN), "")];
     let (mut pages, of_colours) = finish(canvases.colours, None, &colours)?;
     let pages = pages.pop().unwrap_or_default();
     let directions =
@@ -243,7 +249,7 @@ pub fn bake(
     };
     let kinds: Vec<_> = sheets.iter().map(kind_of).collect();
     let (surface, _) = finish(canvases.surface, None, &kinds)?;
-    let light = [(colours_in(&[MapKind::Emissive], true), Sheet::Emission.suffix())];
+    let light = [(colours_in(&[MapKind::Emissive]), Sheet::Emission.suffix())];
     let (emission, _) = finish(canvases.emission, None, &light)?;
     let maps =
         sheets.iter().copied().zip(surface).chain([Sheet::Emission].into_iter().zip(emission));
@@ -268,14 +274,14 @@ pub fn bake(
         notes: losses.lines(),
         losses,
     };
-    let finish = palette.finish(seen.has_alpha);
     Ok(Baked {
         pages,
         normals: normal_maps,
         maps,
         tangents,
         corners,
-        finish,
+        parts,
+        finish: look,
         holds_vertex_colours,
         report,
     })

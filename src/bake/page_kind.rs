@@ -93,6 +93,15 @@ pub struct Page {
     pub bytes: u64,
 }
 
+/// Triangles of a page with one meaning of opacity: a material.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PagePart {
+    /// Number of the page.
+    pub page: u32,
+    /// True if a share of the light passes; viewers draw that without depth.
+    pub blends: bool,
+}
+
 /// Contents of pages besides colours and normals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -52,7 +52,8 @@ pub(super) struct Canvas {
     sizes: Vec<[u32; 2]>,
     /// Place of each page in the file.
     starts: Vec<u64>,
-    has_alpha: bool,
+    /// For each page whether a texel lets light through.
+    has_alpha: Vec<bool>,
     /// Holds the bytes of the file.
     account: Disk,
 }
@@ -74,7 +75,8 @@ impl Canvas {
         };
         let folder = folder.to_path_buf();
         let (sizes, account) = (sizes.to_vec(), disk.part());
-        Ok(Canvas { store, folder, sizes, starts, has_alpha: false, account })
+        let has_alpha = vec![false; sizes.len()];
+        Ok(Canvas { store, folder, sizes, starts, has_alpha, account })
     }
 
     /// Accounts for the disk that the pages take, once they are filled.
@@ -85,6 +87,16 @@ impl Canvas {
         }
     }
 
+    /// True if a texel of a page lets light through.
+    pub fn has_alpha(&self, page: usize) -> bool {
+        self.has_alpha[page]
+    }
+
+    /// The kind of a page where `kind` is wanted: JPEG has no opacity.
+    pub fn kind_of(&self, page: usize, kind: PageKind) -> PageKind {
+        if kind == PageKind::Jpeg && self.has_alpha[page] { PageKind::Png } else { kind }
+    }
+
     /// Writes texels of a page, given row by row.
     pub fn put(&mut self, page: u32, texels: &[Texel]) -> Result<()> {
         let (start, width) = (self.starts[page as usize], self.sizes[page as usize][0]);
@@ -93,7 +105,7 @@ impl Canvas {
         for run in texels.chunk_by(follows) {
             bytes.clear();
             for texel in run {
-                self.has_alpha |= texel.pixel[3] < 255;
+                self.has_alpha[page as usize] |= texel.pixel[3] < 255;
                 // The colour of what cannot be seen tells it from what no chart covers.
                 let pixel = if texel.pixel[3] == 0 { [0, 0, 1, 0] } else { texel.pixel };
                 bytes.extend_from_slice(&pixel);
@@ -152,6 +164,7 @@ impl Canvas {
             means.progress,
             |number, out: &mut Option<(Page, DiskFile, u64)>| {
                 let number = number as usize;
+                let kind = canvas.kind_of(number, kind);
                 let [width, height] = canvas.sizes[number];
                 let path = place.join(format!("{name}-page-{number}.part"));
                 let (mean, covered) = canvas.mean(number)?;
@@ -171,10 +184,11 @@ impl Canvas {
         )
     }
 
-    /// The image of a page as a file in memory, packed quickly, and the number of texels that charts cover.
+    /// The image of a page as a file in memory of the kind of the page, packed quickly, and the number of texels that charts cover.
     pub fn image(&self, page: usize, kind: PageKind) -> Result<(Vec<u8>, u64)> {
         let (mean, n_covered) = self.mean(page)?;
         let mut out = Vec::new();
+        let kind = self.kind_of(page, kind);
         Rows { canvas: self, page, mean, progress: None }.encode(kind, &mut out)?;
         Ok((out, n_covered))
     }
@@ -283,7 +297,7 @@ impl Rows<'_> {
     }
 
     fn encode_png(&self, out: impl Write, kind: PageKind) -> Result<()> {
-        let ([width, height], has_alpha) = (self.size(), self.canvas.has_alpha);
+        let ([width, height], has_alpha) = (self.size(), self.canvas.has_alpha[self.page]);
         let result = (|| {
             let mut encoder = png::Encoder::new(out, width, height);
             let channel = kind.channel();

@@ -161,11 +161,11 @@ pub enum NormalSource {
     Faces,
 }
 
-/// Page and texture coordinates of a triangle of the result.
+/// Part of a page and texture coordinates of a triangle of the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corner {
-    /// Number of the page.
-    pub page: u32,
+    /// Number of the part.
+    pub part: u32,
     /// Coordinates of the three corners, from 0 to 1, v upwards.
     pub uv: [[f32; 2]; 3],
 }
@@ -179,14 +179,14 @@ impl Corner {
         let words = bytes.as_chunks::<4>().0;
         let float = |i: usize| f32::from_le_bytes(words[1 + i]);
         Corner {
-            page: u32::from_le_bytes(words[0]),
+            part: u32::from_le_bytes(words[0]),
             uv: [0, 2, 4].map(|i| [float(i), float(i + 1)]),
         }
     }
 
     /// Appends the record.
     pub fn write(&self, out: &mut Vec<u8>) {
-        out.extend_from_slice(&self.page.to_le_bytes());
+        out.extend_from_slice(&self.part.to_le_bytes());
         self.uv.as_flattened().iter().for_each(|x| out.extend_from_slice(&x.to_le_bytes()));
     }
 }

@@ -46,10 +46,12 @@ const SQUARE_POINTS: u32 = 8;
 const GRACE: f64 = 0.25;
 
 /// Findings on the way.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Seen {
     /// True if any texel lets light through.
     pub has_alpha: bool,
+    /// For each triangle whether it lets a share of the light through; empty if none does.
+    pub blends: Vec<bool>,
     /// Sum of the angles between normal maps and the result, over all texels, in millionths of a degree.
     pub tilt: u128,
     /// Texels of that sum.
@@ -324,7 +326,10 @@ impl Work {
         plain_lights(scene, (hits, starts), lights);
         let looks = (scene.palette, scene.images);
         multiply(lights, spots, looks, scene.threads, scene.progress)?;
-        seen.has_alpha |= filled.put(lights, canvas, pixel_of)?;
+        if filled.put(lights, canvas, pixel_of)? {
+            seen.has_alpha = true;
+            filled.mark((lights, spots), &mut seen.blends);
+        }
         Ok(())
     }
 
@@ -443,6 +448,21 @@ impl Filled<'_> {
             },
         )?;
         Ok(has_alpha)
+    }
+}
+
+impl Filled<'_> {
+    /// Marks triangles of which a point lets a share of the light through.
+    fn mark(&self, (lights, spots): (&[Light], &[Spot]), blends: &mut Vec<bool>) {
+        let is_clear = |&i: &usize| {
+            pixel_of(lights[i])[3] < 255 && self.scene.palette.blends(spots[i].material)
+        };
+        for (point, range) in self.points.iter().zip(self.starts.windows(2)) {
+            if (range[0] as usize..range[1] as usize).any(|i| is_clear(&i)) {
+                blends.resize(self.scene.mesh.triangles.len(), false);
+                blends[point.triangle as usize] = true;
+            }
+        }
     }
 }
 

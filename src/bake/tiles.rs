@@ -1,7 +1,7 @@
 //! Pages of tiles: charts by projection, texels from the nearest places of the input, an image in memory for each tile.
 //!
 //! The input is staged once for the finest tiles; coarser ones are filled from the pages of finer ones. Tiles are given some at a time; what they get depends neither on what is given
-//! together with them but for opacity, which decides between JPEG and PNG, nor on memory or threads. Writes no tiles.
+//! together with them, nor on memory or threads. Writes no tiles.
 
 use super::cells::{self, PagedTile};
 use super::charts::Charts;
@@ -330,17 +330,18 @@ impl TilePainter<'_> {
             progress,
             counted: mesh.triangles.len() as u64,
         };
-        let seen = texels::fill(&scene, &mut self.cells, &mut canvases)?;
+        texels::fill(&scene, &mut self.cells, &mut canvases)?;
         drop((charts, mesh));
         canvases.count();
-        let is_photographic = self.looks.is_photographic(&SEEN) && !seen.has_alpha;
-        let kind = PageKind::of_colours(self.coding, is_photographic);
+        let kind = PageKind::of_colours(self.coding, self.looks.is_photographic(&SEEN));
         let largest = pages.iter().map(|page| u64::from(page.size[0]) * u64::from(page.size[1]));
         let coders = Means { memory_bytes: self.from.free_bytes / IMAGE_SHARE, ..self.means };
         let coders = coders.coding(self.coding, largest.max().unwrap_or(0));
-        let finish = self.looks.finish(seen.has_alpha);
+        let has_mask = self.looks.common_mask().is_some();
         let mut out = Vec::with_capacity(pages.len());
         let canvas = &canvases.colours;
+        let kind_of = |page| canvas.as_ref().map_or(kind, |canvas| canvas.kind_of(page, kind));
+        let has_alpha = |page| canvas.as_ref().is_some_and(|canvas| canvas.has_alpha(page));
         in_order(
             pages.len() as u64,
             coders.threads,
@@ -354,17 +355,18 @@ impl TilePainter<'_> {
             |i, (image, covered_texels)| {
                 let page = std::mem::take(&mut pages[i as usize]);
                 let [width, height] = page.size;
+                let clear = has_alpha(i as usize);
                 let on_page = |[x, y]: [f32; 2]| [x / width as f32, y / height as f32];
                 out.push(TilePicture {
                     corners: page.corners.iter().map(|t| t.map(on_page)).collect(),
                     chart: page.chart,
                     image: std::mem::take(image),
-                    mime: kind.mime(),
+                    mime: kind_of(i as usize).mime(),
                     n_charts: u64::from(page.n_charts),
                     texels: u64::from(width) * u64::from(height),
                     covered_texels: *covered_texels,
                     texels_per_unit: page.texels_per_unit,
-                    finish: Some(finish.clone()),
+                    finish: Some(self.looks.finish(clear, clear && !has_mask)),
                 });
                 Ok(())
             },

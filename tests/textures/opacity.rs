@@ -159,3 +159,67 @@ fn dark_texels_of_a_leaf_are_there() {
     let library = std::fs::read_to_string(folder.join("back.mtl")).unwrap();
     assert!(library.contains("map_d back_textures/leaf.png"), "{library}");
 }
+
+/// A wall and beside it a pane, each a grid of 20 x 20 quads; `pane` are the lines of its material:
+///
+/// ```text
+///   0  wall  1      2  pane  3
+/// ```
+fn wall_and_pane(folder: &Path, pane: &str) {
+    sheet(
+        folder,
+        |x, y| format!("{x} {y}"),
+        &format!("newmtl only\nKd 1 1 1\nmap_Kd wall.png\nnewmtl pane\n{pane}"),
+    );
+    RgbImage::from_pixel(64, 64, Rgb([200, 90, 30])).save(folder.join("wall.png")).unwrap();
+    let wall = std::fs::read_to_string(folder.join("sheet.obj")).unwrap();
+    let mut text = wall.clone();
+    text += "usemtl pane\n";
+    for line in wall.lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words[0] {
+            "v" => {
+                let x: f64 = words[1].parse().unwrap();
+                text += &format!("v {} {} {}\n", x + 2.0, words[2], words[3]);
+            }
+            "vt" => text += &format!("{line}\n"),
+            "f" => {
+                let moved = words[1..].iter().map(|corner| {
+                    let id: usize = corner.split('/').next().unwrap().parse().unwrap();
+                    format!(" {0}/{0}", id + 441)
+                });
+                text += &format!("f{}\n", moved.collect::<String>());
+            }
+            _ => {}
+        }
+    }
+    std::fs::write(folder.join("sheet.obj"), text).unwrap();
+}
+
+/// Viewers draw what blends without depth: the wall behind it has to be opaque.
+#[test]
+fn only_triangles_that_let_light_through_blend_in_a_new_texture() {
+    let folder = &scratch();
+    wall_and_pane(folder, "Kd 0.2 0.4 0.5\nd 0.3\n");
+    expect(folder, "simplify sheet.obj out.glb --ratio 20% --texture bake -q", 0);
+    let document = glb_json(&folder.join("out.glb"));
+    assert_eq!(document["images"].as_array().unwrap().len(), 1);
+    let materials = document["materials"].as_array().unwrap();
+    let modes: Vec<&Value> = materials.iter().map(|material| &material["alphaMode"]).collect();
+    assert_eq!(modes, [&Value::Null, &json!("BLEND")]);
+    // The wall is opaque, the pane is not.
+    for primitive in document["meshes"][0]["primitives"].as_array().unwrap() {
+        let positions = primitive["attributes"]["POSITION"].as_u64().unwrap() as usize;
+        let least = document["accessors"][positions]["min"][0].as_f64().unwrap();
+        assert_eq!(least > 1e4, primitive["material"] == 1, "{primitive}");
+    }
+    expect(folder, "simplify sheet.obj out.obj --ratio 20% --texture bake -q", 0);
+    let library = std::fs::read_to_string(folder.join("out.mtl")).unwrap();
+    assert_eq!(library.matches("map_Kd out_textures/out_0.png").count(), 2, "{library}");
+    assert_eq!(library.matches("map_d ").count(), 1, "{library}");
+    assert!(library.contains("newmtl out_0\n") && library.contains("newmtl out_0_clear\n"));
+    // PLY has images, no materials.
+    expect(folder, "simplify sheet.obj plain.ply --ratio 20% --texture bake -q", 0);
+    let ply = std::fs::read(folder.join("plain.ply")).unwrap();
+    assert_eq!(String::from_utf8_lossy(&ply).matches("TextureFile").count(), 1);
+}

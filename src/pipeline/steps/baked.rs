@@ -25,6 +25,7 @@ use crate::store::cells::SurvivorInfo;
 use crate::store::job::fingerprint::unchanged;
 use crate::system::losses::{Loss, LossKind};
 use crate::system::units::{show_bytes, show_count};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -197,7 +198,7 @@ impl SimplifyRun<'_> {
             };
             faces.push(TexturedTriangle { corners: ids, texture: corner.uv, tangents });
             values.extend_from_slice(&face.values);
-            values.extend_from_slice(&(corner.page as i32).to_le_bytes());
+            values.extend_from_slice(&(corner.part as i32).to_le_bytes());
             Ok(())
         })?;
         sink.write_full_faces(&faces, &values)?;
@@ -249,11 +250,13 @@ fn tangents_of(bytes: &[u8]) -> [[i16; 4]; 3] {
     [0, 4, 8].map(|i| [number(i), number(i + 1), number(i + 2), number(i + 3)])
 }
 
-/// A material for each page.
+/// A material for each part of a page.
 fn materials_of(baked: &Baked, stem: &str) -> Result<Materials> {
     let mut out = Materials::default();
     let finish = &baked.finish;
-    for number in 0..baked.pages.len().max(baked.normals.len()) {
+    let mut images = BTreeMap::new();
+    for part in &baked.parts {
+        let number = part.page as usize;
         let name = format!("{stem}_{number}");
         let mut maps = Vec::new();
         let first: [(_, &[MapKind], _); 2] =
@@ -270,20 +273,24 @@ fn materials_of(baked: &Baked, stem: &str) -> Result<Materials> {
             let name = format!("{name}{suffix}.{}", page.kind.ending());
             // A part of a file, so that it is copied although it lies below the output's folder for now.
             let data = ImageData::Inside(Part { n_bytes: file.len(), file, offset: 0 });
-            let image = out.add_image(Image { name, data });
+            let added = || out.add_image(Image { name, data });
+            let image = *images.entry(&page.path).or_insert_with(added);
             let of = |&kind: &MapKind| Map::new(kind, image, String::new());
             maps.extend(roles.iter().map(of));
         }
+        let is_beside = baked.parts.iter().any(|other| other.page == part.page && !other.blends);
         out.list.push(Material {
-            name,
+            name: if part.blends && is_beside { format!("{name}_clear") } else { name },
             base: finish.base,
             metallic: finish.metallic,
             roughness: finish.roughness,
             emissive: finish.emissive,
-            alpha: match (finish.mask, finish.blends) {
-                (Some(from), _) => Alpha::Mask(from),
-                (None, true) => Alpha::Blend,
-                (None, false) => Alpha::Plain,
+            alpha: match (part.blends, finish.mask, finish.blends) {
+                (true, ..) => Alpha::Blend,
+                (false, Some(from), _) => Alpha::Mask(from),
+                // Of the texels that these triangles share with others, the opacity does not count.
+                (false, None, true) => Alpha::Opaque,
+                (false, None, false) => Alpha::Plain,
             },
             two_sided: finish.two_sided,
             unlit: finish.unlit,

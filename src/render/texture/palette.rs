@@ -113,7 +113,7 @@ pub struct Finish {
     pub base: [f32; 4],
     /// Opaque from this value on, where opacity is a mask.
     pub mask: Option<f32>,
-    /// True if a share of the light passes.
+    /// True if a share of the light passes, at some places at least.
     pub blends: bool,
     /// True if both sides are drawn.
     pub two_sided: bool,
@@ -412,27 +412,39 @@ impl Palette {
         self.materials.iter().all(is_same).then_some(first)
     }
 
-    /// The value from which on all materials are opaque, those with a mask and those that are opaque anyway.
-    fn common_mask(&self) -> Option<f32> {
+    /// True if a share of the light passes where a material is not opaque: it has no mask, or not the one of all masks.
+    pub fn blends(&self, material: u32) -> bool {
+        let own = self.materials.get(material as usize).and_then(|own| own.alpha.cutoff());
+        own.is_none() || own != self.mask_of_masks()
+    }
+
+    /// The value from which on all materials with a mask are opaque, if it is the same.
+    fn mask_of_masks(&self) -> Option<f32> {
+        let mut all = self.materials.iter().filter_map(|material| material.alpha.cutoff());
+        let first = all.next()?;
+        all.all(|cutoff| cutoff == first).then_some(first)
+    }
+
+    /// The same where all materials that are not opaque anyway have a mask.
+    pub fn common_mask(&self) -> Option<f32> {
         let mut all = self.materials.iter().filter(|material| material.alpha != Alpha::Opaque);
         let first = all.next()?.alpha.cutoff()?;
         all.all(|material| material.alpha.cutoff() == Some(first)).then_some(first)
     }
 
-    /// Look of the pages.
-    pub fn finish(&self, has_alpha: bool) -> Finish {
+    /// Look of the pages, whose texels let light through (`has_alpha`), some of them a share of it (`blends`).
+    pub fn finish(&self, has_alpha: bool, blends: bool) -> Finish {
         fn same<T: PartialEq + Copy>(mut all: impl Iterator<Item = Option<T>>) -> Option<T> {
             let first = all.next()??;
             all.all(|x| x == Some(first)).then_some(first)
         }
         let list = &self.materials;
-        let mask = self.common_mask();
         let base = self.common_base().unwrap_or([1.0; 4]);
         let is_clear = has_alpha || base[3] < 1.0;
         Finish {
             base,
-            mask: mask.filter(|_| is_clear),
-            blends: mask.is_none() && is_clear,
+            mask: self.mask_of_masks().filter(|_| is_clear),
+            blends: blends || (base[3] < 1.0 && self.common_mask().is_none()),
             two_sided: list.iter().any(|material| material.two_sided),
             unlit: !list.is_empty() && list.iter().all(|material| material.unlit),
             metallic: match self.has_surface() {
@@ -468,18 +480,18 @@ mod tests {
     use stonecut_io::ply::raw::RawFile;
 
     #[test]
-    fn opaque_materials_keep_the_mask_of_others() {
-        let mask = |list: &[Alpha]| {
+    fn masks_are_kept_beside_materials_that_are_opaque_or_blend() {
+        let masks = |list: &[Alpha]| {
             let mut materials = Materials::default();
             let material = |alpha: &Alpha| Material { alpha: *alpha, ..Material::default() };
             materials.list = list.iter().map(material).collect();
             let palette = Palette::new(Some(&materials), Purpose::Bake(WantedMaps::default()));
-            let finish = palette.finish(true);
-            (finish.mask, finish.blends)
+            let blends: Vec<bool> = (0..list.len() as u32).map(|i| palette.blends(i)).collect();
+            (palette.finish(true, false).mask, blends)
         };
-        assert_eq!(mask(&[Alpha::Opaque, Alpha::Mask(0.4), Alpha::Opaque]), (Some(0.4), false));
-        assert_eq!(mask(&[Alpha::Mask(0.5), Alpha::Mask(0.4)]), (None, true));
-        assert_eq!(mask(&[Alpha::Blend, Alpha::Mask(0.4)]), (None, true));
+        assert_eq!(masks(&[Alpha::Opaque, Alpha::Mask(0.4)]), (Some(0.4), vec![true, false]));
+        assert_eq!(masks(&[Alpha::Mask(0.5), Alpha::Mask(0.4)]), (None, vec![true, true]));
+        assert_eq!(masks(&[Alpha::Blend, Alpha::Mask(0.4)]), (Some(0.4), vec![true, false]));
     }
 
     /// A glTF material without `alphaMode` and one with a mask share an image with opacity.
