@@ -13,6 +13,7 @@ mod density;
 mod directions;
 mod flatten;
 mod grid;
+mod growth;
 mod horizon;
 mod nearest;
 mod need;
