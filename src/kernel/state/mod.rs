@@ -1,6 +1,6 @@
 //! The state of a mesh under simplification: the surface, and what rides along with it.
 //!
-//! One owner of three parts that are borrowed apart: a function that changes the wedges of a surface is given both.
+//! One owner of parts that are borrowed apart: a function that changes the wedges of a surface is given both.
 
 mod build;
 mod output;
