@@ -119,7 +119,7 @@ pub fn bake(
     let taken = load::bytes_in_memory(shape)
         + Charts::bytes(n_triangles)
         + if options.normals { FRAME_BYTES * n_triangles } else { 0 };
-    let palette = options.palette(&original);
+    let palette = options.settled_palette(&original, means.memory_bytes / IMAGE_SHARE);
     let least = least_work_bytes(&palette, options.coding, options.page_texels());
     let free_bytes = free_bytes(n_triangles, (taken, least), means.memory_bytes)?;
     let loaded = load::load(shape, means.threads, progress)?;

@@ -47,6 +47,12 @@ impl Options {
         u64::from(self.page_size) * u64::from(self.page_size)
     }
 
+    /// The same with opacity as texels have it; decoding takes at most `most_bytes`.
+    pub(super) fn settled_palette(&self, original: &MeshSource, most_bytes: u64) -> Palette {
+        let materials = original.materials().map(|all| &**all);
+        Palette::settled(materials, Purpose::Bake(self.beside), most_bytes)
+    }
+
     /// Materials and images of an original as these settings use them.
     pub(super) fn palette(&self, original: &MeshSource) -> Palette {
         let materials = original.materials().map(|all| &**all);

@@ -167,9 +167,10 @@ impl Photographs {
     ///
     /// Disk: about 40 bytes a triangle of the input, six times that for a while.
     pub fn stage(source: MeshSource, n_triangles: u64, means: Means) -> Result<Photographs> {
-        let palette = Palette::new(
+        let palette = Palette::settled(
             source.materials().map(|all| &**all),
             Purpose::Bake(WantedMaps::default()),
+            means.memory_bytes / IMAGE_SHARE,
         );
         let free_bytes = free_bytes(n_triangles, &palette, means.memory_bytes)?;
         let options = Options {

@@ -83,7 +83,8 @@ pub fn least_for_colours(source: &MeshSource) -> u64 {
 /// Errors: an image that does not fit into half of the memory while it is decoded.
 pub fn colour_vertices(source: &MeshSource, to: &Path, means: Means) -> Result<Coloured> {
     let image_bytes = means.memory_bytes / IMAGE_SHARE;
-    let palette = Palette::new(source.materials().map(Arc::as_ref), Purpose::View);
+    let materials = source.materials().map(Arc::as_ref);
+    let palette = Palette::settled(materials, Purpose::View, image_bytes);
     let least = palette.largest_bytes();
     if least > image_bytes {
         return Err(Error::NoMemory(format!(

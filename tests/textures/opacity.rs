@@ -153,7 +153,7 @@ fn dark_texels_of_a_leaf_are_there() {
     // Other formats have a place for it, and back.
     let said = expect(folder, "convert sheet.obj leaf.glb", 0);
     assert!(!said.contains("opacity"), "{said}");
-    assert_eq!(glb_json(&folder.join("leaf.glb"))["materials"][0]["alphaMode"], "BLEND");
+    assert_eq!(glb_json(&folder.join("leaf.glb"))["materials"][0]["alphaMode"], "MASK");
     let said = expect(folder, "convert leaf.glb back.obj", 0);
     assert!(!said.contains("opacity"), "{said}");
     let library = std::fs::read_to_string(folder.join("back.mtl")).unwrap();
@@ -222,4 +222,31 @@ fn only_triangles_that_let_light_through_blend_in_a_new_texture() {
     expect(folder, "simplify sheet.obj plain.ply --ratio 20% --texture bake -q", 0);
     let ply = std::fs::read(folder.join("plain.ply")).unwrap();
     assert_eq!(String::from_utf8_lossy(&ply).matches("TextureFile").count(), 1);
+}
+
+/// Opacity of the image, meaning of it in GLB, and words about it.
+#[test]
+fn texels_say_what_opacity_means_where_the_library_does_not() {
+    // Opacity at x: opaque, a mask, nothing, any.
+    let opacities: [fn(u32) -> u8; 4] =
+        [|_| 255, |x| if x < 32 { 0 } else { 255 }, |_| 0, |x| 4 * x as u8];
+    let modes = [Value::Null, json!("MASK"), Value::Null, json!("BLEND")];
+    for ((opacity, mode), is_said) in opacities.iter().zip(modes).zip([false, false, true, false]) {
+        let folder = &scratch();
+        let image = RgbaImage::from_fn(64, 64, |x, _| Rgba([0, 90, 200, opacity(x)]));
+        image.save(folder.join("image.png")).unwrap();
+        sheet(folder, |x, y| format!("{x} {y}"), "newmtl only\nKd 1 1 1\nmap_Kd image.png\n");
+        for command in [
+            "convert",
+            "simplify --ratio 50% --texture keep",
+            "simplify --ratio 20% --texture bake",
+        ] {
+            let said = expect(folder, &format!("{command} sheet.obj out.glb --force"), 0);
+            let materials = &glb_json(&folder.join("out.glb"))["materials"];
+            let last = materials.as_array().unwrap().last().unwrap();
+            assert_eq!(last["alphaMode"], mode, "{command}");
+            let words = "image with opacity 0 everywhere of material 'only'";
+            assert_eq!(said.contains(words), is_said, "{command}: {said}");
+        }
+    }
 }

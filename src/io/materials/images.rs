@@ -212,7 +212,7 @@ fn jpeg_pixel_bytes(head: &[u8]) -> u64 {
 
 impl Materials {
     /// Returns whether the colour image of a material has opacity, which no other image says.
-    pub(crate) fn has_clear_base(&self, material: &Material) -> bool {
+    pub fn has_clear_base(&self, material: &Material) -> bool {
         let map = |kind: MapKind| material.map(kind).map(|map| (map.image, &map.options));
         let base = map(MapKind::Base);
         let opacity = map(MapKind::Opacity);

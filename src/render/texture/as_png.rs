@@ -3,18 +3,20 @@
 //! Values stay in their places, so this serves images of colours and of numbers; more than eight bits a channel are rounded.
 
 use super::images::as_png;
+use super::opacity::settle_opacity;
 use std::path::Path;
 use std::sync::Arc;
 use stonecut_io::materials::{ImageData, Materials, Part, look_at_image};
 use stonecut_io::ply::raw::Spool;
 use stonecut_io::{OutputKind, StageOptions, TextureMode, TexturePlan, TextureRequest};
 use stonecut_system::error::Result;
-use stonecut_system::losses::{Loss, LossKind};
+use stonecut_system::losses::{Ledger, Loss, LossKind};
 
 /// Endings of these kinds. EXR is not one: it holds light, or numbers, of more than eight bits.
 const KINDS: [&str; 4] = ["bmp", "gif", "tga", "tif"];
 
-/// Decides for one output, as `TexturePlan::new`; a GLB has images of kinds that glTF does not know as PNG.
+/// Decides for one output, as `TexturePlan::new`; a GLB has images of kinds that glTF does not know as PNG, and blends only where
+/// texels let a share of the light through.
 ///
 /// Memory: one image while it is decoded, within the bytes to parse in, and up to 16 MiB of PNG, further ones in a nameless
 /// file. An image that they do not hold stays as it is, which is a loss.
@@ -49,11 +51,13 @@ pub fn plan_textures(
         spool.write(&png)?;
     }
     let file = Arc::new(spool.finish(Path::new("images as PNG"))?);
-    let mut out = Materials::clone(materials);
+    let (mut out, losses) = settle_opacity(materials, stage.parse_bytes)
+        .unwrap_or_else(|| (Materials::clone(materials), Ledger::default()));
     for &(number, offset, n_bytes, _) in &parts {
         out.images[number].data = ImageData::Inside(Part { file: file.clone(), offset, n_bytes });
     }
     let mut plan = TexturePlan::new(Arc::new(out), request)?;
+    plan.losses.merge(&losses);
     for (number, _, _, ending) in parts {
         let reason = format!("as PNG, since glTF knows no {ending}");
         let loss = Loss::new(LossKind::Images, "image", reason).notice();

@@ -188,6 +188,21 @@ fn bytes_of(data: &ImageData) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// Returns whether an image has pixels of opacity 0, in between, and 1.
+pub(super) fn opacities(data: &ImageData, size: [u32; 2]) -> Result<[bool; 3]> {
+    let bytes = bytes_of(data)?;
+    let pixels = guarded(|| pixels_of(&bytes, size).map_err(Error::Usage))?.pixels;
+    let mut found = [false; 3];
+    for [_, _, _, opacity] in pixels {
+        found[match opacity {
+            0 => 0,
+            255 => 2,
+            _ => 1,
+        }] = true;
+    }
+    Ok(found)
+}
+
 /// An image as PNG, with opacity if any of its pixels lets light through.
 pub(super) fn as_png(data: &ImageData, size: [u32; 2]) -> Result<Vec<u8>> {
     let bytes = bytes_of(data)?;

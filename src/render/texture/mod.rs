@@ -17,6 +17,7 @@ mod ktx2_out;
 mod light_table;
 mod lights;
 mod map_use;
+mod opacity;
 mod page;
 mod palette;
 mod purpose;

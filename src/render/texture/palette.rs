@@ -188,6 +188,11 @@ impl Palette {
         palette
     }
 
+    /// Enters what is missing or taken otherwise.
+    pub(super) fn lose_all(&mut self, losses: &Ledger) {
+        self.losses.merge(losses);
+    }
+
     fn look(&mut self, materials: &Materials, purpose: Purpose) {
         let is_used = |number: usize, counts: &dyn Fn(MapKind) -> bool| {
             let uses = |map: &Map| map.image == number && counts(map.kind);
