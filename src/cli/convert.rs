@@ -16,8 +16,8 @@ use super::used::Used;
 use crate::error::{Error, Offers, Result};
 use crate::io::ply::{FaceBlock, FaceSchema, MeshSource, Place, ReadOptions, TexturedTriangle};
 use crate::io::{
-    DuplicateFinder, Duplicates, MeshSink, NameUse, OutputFormat, StageOptions, TextureMode,
-    TexturePlan, TextureRequest, Weld, WeldOptions, check_range,
+    DuplicateFinder, Duplicates, HardEdges, MeshSink, NameUse, OutputFormat, OutputKind,
+    StageOptions, TextureMode, TexturePlan, TextureRequest, Weld, WeldOptions, check_range,
 };
 use crate::render::texture::plan_textures as plan_with_png;
 use crate::system::disk::folder_of;
@@ -158,6 +158,11 @@ fn open(args: &Args) -> Result<Ready> {
     let how = args.weld.unwrap_or(if args.paths.input.is_one() { Weld::Off } else { Weld::Auto });
     stage.weld =
         Some(WeldOptions { how, exact_above: 0, labels: Vec::new(), keeps_numbers: false });
+    stage.hard_edges = match (how, args.format.check(&args.paths.output)?) {
+        (_, OutputKind::Stl) => HardEdges::Unused,
+        (Weld::Off, _) => HardEdges::Kept,
+        _ => HardEdges::Averaged("--weld off keeps them apart"),
+    };
     let source = MeshSource::open_staged(&args.paths.input, &stage)?;
     source.refuse_output(&args.paths.output)?;
     hold(&source, memory_bytes)?;

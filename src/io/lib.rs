@@ -58,7 +58,7 @@ pub use materials::{TextureMode, TexturePlan, TextureRequest};
 pub use names::{NameUse, OBJECT, lost_comments};
 pub use obj::ObjWriter;
 pub use obj::{find_texture, find3};
-pub use open_options::{Lock, StageOptions, Weld, WeldOptions};
+pub use open_options::{HardEdges, Lock, StageOptions, Weld, WeldOptions};
 pub use output_format::{OutputFormat, OutputKind};
 pub use records::NumberRecords;
 pub use rounding::check_range;

@@ -48,6 +48,17 @@ impl std::fmt::Display for Weld {
     }
 }
 
+/// Normals of a glTF file that differ in one place, as along hard edges.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HardEdges {
+    /// Stay apart, as vertices of one place.
+    Kept,
+    /// Are averaged, which is a loss with this remedy.
+    Averaged(&'static str),
+    /// Are averaged, and no result has them.
+    Unused,
+}
+
 /// Vertices that must stay bit for bit.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Lock {
@@ -119,6 +130,8 @@ pub struct StageOptions {
     pub weld: Option<WeldOptions>,
     /// Marks vertices that must stay.
     pub lock: Option<Lock>,
+    /// Fate of normals that differ in one place.
+    pub hard_edges: HardEdges,
 }
 
 impl StageOptions {
@@ -134,6 +147,7 @@ impl StageOptions {
             disk: Disk::default(),
             weld: None,
             lock: None,
+            hard_edges: HardEdges::Averaged(""),
         }
     }
 

@@ -10,7 +10,7 @@ use crate::config::{Config, JobOptions, Method, Normals, Texture};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::{
-    NUMBER, OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest, Weld,
+    HardEdges, NUMBER, OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest, Weld,
     WeldOptions, check_range, faces_to_vertices, survey_faces, survey_labels,
 };
 use crate::render::texture::plan_textures as plan_with_png;
@@ -181,6 +181,13 @@ pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String
         keeps_numbers: config.map.is_some(),
     });
     stage.lock.clone_from(&config.lock);
+    let is_unused = config.attributes.normals != Normals::Keep
+        || config.kernel.orient
+        || config.kind()? == OutputKind::Stl;
+    stage.hard_edges = match is_unused {
+        true => HardEdges::Unused,
+        false => HardEdges::Averaged("--normals drop leaves them to viewers, most of which shade each triangle as flat then"),
+    };
     Ok((marks, stage))
 }
 

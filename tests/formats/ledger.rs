@@ -115,6 +115,51 @@ fn images_that_are_all_missing_end_with_3_unless_they_are_given_up() {
     expect(at, "convert in.obj grey.glb", 0);
 }
 
+/// Two triangles with an edge in common, each with its own vertices, whose normals are `normals`.
+///
+/// ```text
+///   2-------1 4
+///   | 0   / /|     the second one lies flat, or stands up
+///   |   / /  |
+///   0 3-----5
+/// ```
+fn roof(path: &Path, normals: [[i32; 3]; 2]) {
+    let mut text = "ply\nformat ascii 1.0\nelement vertex 6\n".to_owned();
+    ["x", "y", "z", "nx", "ny", "nz"]
+        .iter()
+        .for_each(|name| text += &format!("property float {name}\n"));
+    text += "element face 2\nproperty list uchar int vertex_indices\nend_header\n";
+    let corners = ["0 0 0", "1 1 0", "0 1 0", "0 0 0", "1 0 -1", "1 1 0"];
+    for (i, corner) in corners.iter().enumerate() {
+        let [x, y, z] = normals[i / 3];
+        text += &format!("{corner} {x} {y} {z}\n");
+    }
+    std::fs::write(path, text + "3 0 1 2\n3 3 4 5\n").unwrap();
+}
+
+#[test]
+fn normals_along_hard_edges_of_gltf_are_kept_or_their_loss_is_said() {
+    let at = &scratch();
+    roof(&at.join("hard.ply"), [[0, 0, 1], [0, 1, 0]]);
+    roof(&at.join("soft.ply"), [[0, 0, 1], [0, 0, 1]]);
+    for (name, n_vertices) in [("hard", 6), ("soft", 4)] {
+        expect(at, &format!("convert {name}.ply {name}.glb --format float"), 0);
+        let back = format!("convert {name}.glb back.ply --format ascii --force");
+        let said = expect(at, &back, 0);
+        assert!(!said.contains("lost"), "{said}");
+        let text = std::fs::read_to_string(at.join("back.ply")).unwrap();
+        assert!(text.contains(&format!("element vertex {n_vertices}\n")), "{text}");
+        assert_eq!(text.contains("0 1 0\n3 "), name == "hard", "{text}");
+        let simplify = format!("simplify {name}.glb out.ply --triangles 2 --force");
+        let said = expect(at, &simplify, 0);
+        assert_eq!(said.contains("normals of vertices, 2 of them: "), name == "hard", "{said}");
+        let said = expect(at, &format!("{simplify} --normals drop"), 0);
+        assert!(!said.contains("lost"), "{said}");
+    }
+    let said = expect(at, "convert hard.glb welded.ply --weld auto", 0);
+    assert!(said.contains("--weld off keeps them apart"), "{said}");
+}
+
 #[test]
 fn losses_are_objects_in_progress_json() {
     let at = &scratch();

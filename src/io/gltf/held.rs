@@ -1,6 +1,6 @@
 //! Joins the vertices of a glTF mesh in memory: by a table of places.
 
-use super::vertex_row::{Open, VertexRow};
+use super::vertex_row::{MOST_APART, Open, VertexRow, are_same};
 
 /// Bytes of a vertex in all, its places in the table and in the result included, and of a face.
 const VERTEX_BYTES: u64 = 176;
@@ -30,15 +30,25 @@ impl Held {
         vertices + FACE_BYTES * self.corners.len() as u64 + VERTEX_BYTES < self.memory_bytes
     }
 
-    /// The joined vertices, in the order of the first of each.
-    pub(super) fn join(&self) -> Vec<Open> {
+    /// The joined vertices, in the order of the first of each; with `keeps_normals`, only those whose normals agree.
+    pub(super) fn join(&self, keeps_normals: bool) -> Vec<Open> {
         let n_places = (2 * self.vertices.len()).next_power_of_two();
         let mut firsts = vec![FREE; n_places];
         let (mut ids, mut joined) = (Vec::with_capacity(self.vertices.len()), Vec::new());
         for (number, row) in (0u32..).zip(&self.vertices) {
             let key = key(row);
             let mut place = hash(&key) as usize & (n_places - 1);
-            while firsts[place] != FREE && self.key_of(firsts[place]) != key {
+            let mut n_apart = 0;
+            while firsts[place] != FREE {
+                let other = &self.vertices[firsts[place] as usize];
+                if self::key(other) == key {
+                    n_apart += 1;
+                    let normals = [other, row].map(|row| row.normal.map(f32::to_bits));
+                    let is_same = are_same(normals[0], normals[1]);
+                    if !keeps_normals || is_same || n_apart == MOST_APART {
+                        break;
+                    }
+                }
                 place = (place + 1) & (n_places - 1);
             }
             if firsts[place] == FREE {
@@ -59,9 +69,6 @@ impl Held {
         self.ids.get().map_or(0, |ids| u64::from(ids[vertex as usize]))
     }
 
-    fn key_of(&self, vertex: u32) -> [u64; 5] {
-        key(&self.vertices[vertex as usize])
-    }
 }
 
 /// All that vertices of one place have in common. Adding 0 makes -0 and 0 the same.
@@ -80,35 +87,43 @@ fn hash(key: &[u64; 5]) -> u64 {
 mod tests {
     use crate::gltf::join::{FaceParts, Joiner};
     use crate::gltf::vertex_row::VertexRow;
-    use crate::open_options::StageOptions;
+    use crate::open_options::{HardEdges, StageOptions};
     use crate::ply::raw::RawFile;
 
-    fn joined(memory_bytes: u64) -> Vec<u8> {
+    fn joined(hard_edges: HardEdges, memory_bytes: u64) -> (Vec<u8>, u64) {
         let folder = tempfile::tempdir().unwrap();
-        let options = StageOptions { memory_bytes, ..StageOptions::new(folder.path()) };
+        let options =
+            StageOptions { memory_bytes, hard_edges, ..StageOptions::new(folder.path()) };
         let mut joiner = Joiner::new(&options, true, true);
         joiner.has = FaceParts { texture: true, numbers: true, names: true };
         for n in 0..3000u32 {
             let [a, b] = [n % 37, n % 5].map(|x| x as f32);
-            let position = [f64::from(a) - 18.0, -0.0 * f64::from(b), 1e-3 * f64::from(n % 11)];
-            let colour = [(n % 3) as u8, 7, 9, 255 - (n % 2) as u8];
-            let row = VertexRow { position, colour, normal: [b, 1.0, -a], uv: [0.0, 0.5 * b] };
+            let position = [f64::from(a) - 18.0, -0.0 * f64::from(b), 1e-3 * f64::from(n % 2)];
+            let colour = [(n % 2) as u8, 7, 9, 255 - (n % 2) as u8];
+            let (sin, cos) = f32::sin_cos(0.01 * (n % 7) as f32 + (n % 3) as f32);
+            let normal = if n % 13 == 0 { [0.0; 3] } else { [sin, 0.0, cos] };
+            let row = VertexRow { position, colour, normal, uv: [0.0, 0.5 * b] };
             joiner.put_vertex(&row).unwrap();
             if n % 2 == 1 {
                 let corners = [n, n / 2, n / 3].map(u64::from);
                 joiner.put_face(corners, [n as i32, -(n as i32)]).unwrap();
             }
         }
-        let file = joiner.finish(&RawFile::from_bytes("mesh", Vec::new())).unwrap();
+        let (file, n_hard) = joiner.finish(&RawFile::from_bytes("mesh", Vec::new())).unwrap();
         let mut bytes = vec![0; file.len() as usize];
         file.read_exact_at(&mut bytes, 0).unwrap();
-        bytes
+        (bytes, n_hard)
     }
 
     #[test]
     fn a_mesh_comes_out_the_same_in_memory_by_sorts_and_from_one_to_the_other() {
-        let [held, sorted, spilled] = [64 << 20, 0, 100_000].map(joined);
-        assert!(held.starts_with(b"ply") && held.len() > 40_000);
-        assert!(held == sorted && held == spilled);
+        let [averaged, kept] = [HardEdges::Averaged(""), HardEdges::Kept].map(|hard_edges| {
+            let [held, sorted, spilled] =
+                [64 << 20, 0, 100_000].map(|memory| joined(hard_edges, memory));
+            assert!(held.0.starts_with(b"ply") && held.0.len() > 40_000);
+            assert!(held == sorted && held == spilled, "{hard_edges:?}");
+            held
+        });
+        assert!(averaged.0.len() < kept.0.len() && averaged.1 > 0 && kept.1 == 0);
     }
 }

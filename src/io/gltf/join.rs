@@ -6,10 +6,10 @@
 //! memory is joined there (`held`), to the same bytes.
 
 use super::held::Held;
-use super::vertex_row::{Open, VertexRow};
+use super::vertex_row::{MOST_APART, Open, VertexRow, are_same};
 use crate::external_sort::{ExternalSort, halves, whole};
 use crate::names::OBJECT;
-use crate::open_options::StageOptions;
+use crate::open_options::{HardEdges, StageOptions};
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::row_window::RowWindow;
 use stonecut_mesh::property::Scalar;
@@ -159,11 +159,12 @@ impl<'a> Joiner<'a> {
         if far > 8.0 * extent || far > f64::from(f32::MAX) { Scalar::F64 } else { Scalar::F32 }
     }
 
-    /// The joined mesh as a PLY.
-    pub(super) fn finish(mut self, name: &RawFile) -> Result<RawFile> {
+    /// The joined mesh as a PLY, and how many of its vertices have the mean of normals along a hard edge.
+    pub(super) fn finish(mut self, name: &RawFile) -> Result<(RawFile, u64)> {
         let (options, coordinate) = (self.options, self.coordinate());
         let (has, label_bytes) = (self.has, self.label_bytes());
         let (n_old, n_faces) = (self.n_vertices, self.n_faces);
+        let keeps_normals = self.has_normal && options.hard_edges == HardEdges::Kept;
         let extras = Extras {
             coordinate,
             colour: self.has_colour,
@@ -173,7 +174,7 @@ impl<'a> Joiner<'a> {
         };
         if let Some(held) = self.held.take() {
             let Held { vertices, corners, .. } = &held;
-            let joined = held.join();
+            let joined = held.join(keeps_normals);
             let mut out = options.spool();
             out.write(extras.header(joined.len() as u64, n_faces, (false, has)).as_bytes())?;
             let mut row = Vec::new();
@@ -187,32 +188,47 @@ impl<'a> Joiner<'a> {
                 faces.put(face.map(|corner| held.id(corner)), uvs, &mut out)?;
             }
             out.write(&faces.rows)?;
-            return out.finish(name.path());
+            let n_hard = joined.iter().filter(|open| open.is_hard).count() as u64;
+            return Ok((out.finish(name.path())?, n_hard));
         }
         let mut by_first = options.sort::<BY_FIRST>(memory_bytes(options));
-        let mut last: Option<([u32; 9], [u32; 2])> = None;
+        // The place at work, and the number and the normal of each vertex that it has so far.
+        let (mut last, mut firsts) = (None, Vec::<([u32; 2], [u32; 3])>::new());
         self.by_place.drain(|record| {
             let place: [u32; 9] = std::array::from_fn(|i| record[i]);
             let number = [record[9], record[10]];
-            let first = match last {
-                Some((known, first)) if known == place => first,
-                _ => number,
+            let normal = [record[11], record[12], record[13]];
+            if last != Some(place) {
+                firsts.clear();
+            }
+            last = Some(place);
+            let known = match keeps_normals {
+                false => firsts.first(),
+                true => firsts
+                    .iter()
+                    .find(|(_, known)| are_same(*known, normal))
+                    .or(firsts.get(MOST_APART - 1)),
             };
-            last = Some((place, first));
+            let first = known.map_or(number, |(first, _)| *first);
+            if known.is_none() {
+                firsts.push((number, normal));
+            }
             let mut out = [0; BY_FIRST];
             out[..2].copy_from_slice(&first);
             out[2..4].copy_from_slice(&number);
-            out[4..7].copy_from_slice(&record[11..]);
+            out[4..7].copy_from_slice(&normal);
             out[7..].copy_from_slice(&place[..7]);
             by_first.push(out)
         })?;
         let mut ids = options.sort::<4>(memory_bytes(options));
         let mut vertices = options.spool();
         let (mut n_vertices, mut open, mut row) = (0u64, None::<Open>, Vec::new());
+        let mut n_hard = 0;
         by_first.drain(|record| {
             let first = whole(record[0], record[1]);
             if open.as_ref().is_none_or(|open| open.first != first) {
                 if let Some(open) = open.take() {
+                    n_hard += u64::from(open.is_hard);
                     vertices.write(open.row(&extras, &mut row))?;
                 }
                 open = Some(Open::new(first, &record));
@@ -225,6 +241,7 @@ impl<'a> Joiner<'a> {
             ids.push([record[2], record[3], high, low])
         })?;
         if let Some(open) = open {
+            n_hard += u64::from(open.is_hard);
             vertices.write(open.row(&extras, &mut row))?;
         }
         let mut table = options.spool();
@@ -261,7 +278,7 @@ impl<'a> Joiner<'a> {
             if k == 0 { faces.put(ids, uvs, &mut out) } else { Ok(()) }
         })?;
         out.write(&faces.rows)?;
-        out.finish(name.path())
+        Ok((out.finish(name.path())?, n_hard))
     }
 }
 
@@ -316,7 +333,8 @@ fn memory_bytes(options: &StageOptions) -> usize {
 impl Open {
     fn new(first: u64, record: &[u32; BY_FIRST]) -> Open {
         let position = [7, 9, 11].map(|i| f64::from_bits(whole(record[i], record[i + 1])));
-        Open { first, position, colour: record[13].to_le_bytes(), normal: [0.0; 3] }
+        let normal = [record[4], record[5], record[6]];
+        Open::at(first, position, (record[13].to_le_bytes(), normal))
     }
 
     /// Its row, written into `row`.

@@ -1,7 +1,7 @@
 //! GLB and glTF in: all meshes of the scene in their places, as one PLY with texture coordinates at corners.
 //!
 //! Vertices that differ only in their normal become one, since glTF splits them along every hard edge; their normals
-//! are averaged. All is read a block at a time and joined by sorts on disk (`join`): the document alone, and a compressed
+//! are averaged, unless a command keeps them apart (`HardEdges`). All is read a block at a time and joined by sorts on disk (`join`): the document alone, and a compressed
 //! view, have to fit into memory.
 
 use super::buffers::{Buffers, Inline};
@@ -18,7 +18,7 @@ use super::totals;
 use super::vertex_row::VertexRow;
 use crate::materials::{BARE_FACES, BARE_REASON, Materials};
 use crate::names::{Name, NameList};
-use crate::open_options::StageOptions;
+use crate::open_options::{HardEdges, StageOptions};
 use crate::ply::Faults;
 use crate::ply::raw::RawFile;
 use crate::ply::source::{Staged, TextureInfo};
@@ -146,8 +146,13 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
         }
         staged.texture = Some(TextureInfo { files, property: "texcoord".to_owned() });
     }
-    let out = joiner.finish(&file)?;
+    let (out, n_hard) = joiner.finish(&file)?;
     staged.losses.merge(&materials.losses);
+    if let (HardEdges::Averaged(remedy), true) = (options.hard_edges, n_hard > 0) {
+        let why = "they differ by more than 30 degrees in one place (hard edges): averaged, which rounds the shading";
+        let loss = Loss::new(LossKind::Normals, "normals of vertices", why).count(n_hard);
+        staged.losses.lose(loss.remedy(remedy));
+    }
     if has_numbers {
         staged.materials = Some(Arc::new(materials));
     }
