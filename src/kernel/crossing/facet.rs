@@ -63,7 +63,40 @@ impl Facet {
     /// Returns whether two triangles have more in common than corners and edges; those without area have nothing.
     #[inline(always)]
     pub(super) fn meets(&self, other: &Facet) -> bool {
-        !self.parts(other) && !other.parts(self) && self.meets_exactly(other)
+        !self.parts(other)
+            && !other.parts(self)
+            && !self.is_beside(other)
+            && self.meets_exactly(other)
+    }
+
+    /// Returns whether an edge of one parts the two for certain, as they are seen along an axis: triangles of one plane, as in a
+    /// filling, are beside each other so.
+    #[inline(never)]
+    fn is_beside(&self, other: &Facet) -> bool {
+        let n = self.normal.map(f64::abs);
+        let (x, y) = if n[0] > n[1] && n[0] > n[2] {
+            (1, 2)
+        } else if n[1] > n[2] {
+            (2, 0)
+        } else {
+            (0, 1)
+        };
+        // 1 or -1 for the sense of three points, 0 where it is not certain (Shewchuk 1997, section 4.4).
+        let turn = |a: Vec3, b: Vec3, c: Vec3| {
+            let left = (b[x] - a[x]) * (c[y] - a[y]);
+            let right = (b[y] - a[y]) * (c[x] - a[x]);
+            let is_certain = (left - right).abs() > 4.0 * f64::EPSILON * (left.abs() + right.abs());
+            if is_certain { (left - right).signum() } else { 0.0 }
+        };
+        let parts = |own: &Facet, other: &Facet, i: usize| {
+            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+            let [a, b, c] = [i, j, k].map(|i| own.corners[i]);
+            let inner = turn(a, b, c);
+            let mut corners = other.ids.iter().zip(&other.corners);
+            let is_end = |v: u32| v == own.ids[i] || v == own.ids[j];
+            inner != 0.0 && corners.all(|(&v, &p)| is_end(v) || turn(a, b, p) == -inner)
+        };
+        (0..3).any(|i| parts(self, other, i) || parts(other, self, i))
     }
 
     #[inline(never)]
