@@ -225,6 +225,10 @@ impl Ready {
             );
             return Err(Error::bad_input(&*args.paths.input, what));
         }
+        if done.n_triangles == 0 && source.n_vertices() == 0 {
+            let what = "it has neither faces nor vertices; nothing was written";
+            return Err(Error::bad_input(&*args.paths.input, what));
+        }
         done.losses = losses(&source, recentres)?;
         let input = ConvertInput {
             source: &source,

@@ -8,12 +8,14 @@ use super::log::EXIT_SHORT;
 use super::outcome::close;
 use crate::config::{Config, Method};
 use crate::error::Result;
+use crate::io::OutputKind;
 use crate::pipeline::methods::{self, PreparedMethod};
 use crate::pipeline::run_report::{DoneRecord, RunReport};
 use crate::pipeline::{self, Prepared, max_error, optimize, pairs};
 use crate::store::job::fingerprint::{file_marks, marks_now};
 use crate::system::disk::{note_of, read_regular, set_note};
 use crate::system::first_bytes::MOST_REPORT_BYTES;
+use crate::system::losses::{Loss, LossKind};
 use crate::system::progress::{Progress, StageSeconds};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -64,6 +66,11 @@ pub(crate) fn run_job(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
+    if config.lock.is_some() && config.kind()? == OutputKind::Glb {
+        let why = "GLB counts from its own middle in steps or floats: parts of a whole no longer fit to the last bit";
+        let loss = Loss::new(LossKind::Precision, "places of locked vertices", why);
+        progress.lose(loss.remedy("PLY, OBJ and STL keep them"));
+    }
     let prepared = match ready {
         ReadyJob::Collapse(prepared) => *prepared,
         ReadyJob::Method(prepared) => {

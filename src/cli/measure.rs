@@ -246,6 +246,12 @@ fn report(args: &Args, session: &mut Session) -> Result<Report> {
         Ok([first, super::arguments::open_mesh(&args.meshes.output, &temp_dir, args.memory)?])
     });
     let [mut original, mut simplified] = opened?;
+    if let Some(folder) = &args.pictures {
+        let pictures = (0..args.views).map(|number| picture(folder, number));
+        pictures.into_iter().try_for_each(|path| {
+            original.refuse_output(&path).and_then(|()| simplified.refuse_output(&path))
+        })?;
+    }
     count_from_one_place([&mut original, &mut simplified], progress)?;
     let memory_bytes = memory_budget(args.memory);
     let means = (memory_bytes, threads);

@@ -3,7 +3,7 @@
 use super::join::{InputPaths, stage};
 use super::open::open_part;
 use super::open_options::StageOptions;
-use super::{lock, weld};
+use super::{hard_edges, lock, weld};
 use crate::ply::MeshSource;
 use std::path::Path;
 use stonecut_system::error::Result;
@@ -20,6 +20,8 @@ impl MeshSource {
             let found = if *input == *Path::new("-") { None } else { source.locate(&input) };
             found.iter().for_each(|found| source.note_place(found));
             source.place(&options.read.placing)?;
+            let loss = hard_edges::survey(&source, options)?;
+            loss.into_iter().for_each(|loss| source.note_loss(loss));
             weld::weld(source, options)?
         } else {
             let (mut source, borders) = stage(&input, options)?;

@@ -16,6 +16,7 @@ mod face_survey;
 mod front_door;
 pub mod globe;
 mod gltf;
+mod hard_edges;
 mod heights;
 pub mod join;
 mod label_survey;

@@ -7,6 +7,7 @@
 use super::output_format::{OutputFormat, OutputKind};
 use crate::ply::MeshSource;
 use std::path::Path;
+use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::property::Scalar;
 use stonecut_mesh::record::VertexSchema;
 use stonecut_mesh::vec3::{cross, length_sq, sub};
@@ -156,7 +157,9 @@ pub fn check_range(source: &MeshSource, output: &Path, format: OutputFormat) -> 
     if !is_float || schema.coordinate != Scalar::F64 {
         return Ok(());
     }
+    let mut bounds = Bounds::EMPTY;
     source.each_vertex(|vertex, record| {
+        bounds.add(schema.position(record));
         let far = schema.position(record).map(f64::abs).into_iter().fold(0.0, f64::max);
         if far <= f64::from(f32::MAX) {
             return Ok(());
@@ -166,7 +169,16 @@ pub fn check_range(source: &MeshSource, output: &Path, format: OutputFormat) -> 
              (3.4e38); write PLY with double, or OBJ"
         );
         Err(Error::bad_input(source.path(), what))
-    })
+    })?;
+    let size = bounds.diagonal();
+    if kind == OutputKind::Glb && size > 0.0 && size < 65_536.0 * f64::from(f32::MIN_POSITIVE) {
+        let what = format!(
+            "it is {size:e} large, less than the output's floats tell from 0 (1.2e-38); make it larger with --scale, or \
+             write PLY with double, or OBJ"
+        );
+        return Err(Error::bad_input(source.path(), what));
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -2,12 +2,12 @@
 
 use super::by_material::names_of;
 use super::gltf::{GlbWriter, Positions};
-use super::materials::{MapKind, NUMBER, TexturePlan};
+use super::materials::{Map, MapKind, Material, NUMBER, TexturePlan};
 use super::names::{NameTable, OBJECT, is_name, lost_comments};
 use super::obj::ObjWriter;
 use super::output_format::{OutputFormat, OutputKind};
 use super::rounding::Rounding;
-use super::stl::StlWriter;
+use super::stl::{StlWriter, colour_of_facets};
 use crate::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
 use stonecut_mesh::codec::TEXTURE_NAMES;
 use stonecut_mesh::colours::ColourPlace;
@@ -42,6 +42,46 @@ pub struct MeshSink {
     record_bytes: usize,
     schema: VertexSchema,
     rounding: Option<Rounding>,
+    /// Places of images that coordinates get, where the format has no other place for them.
+    placed: Option<PlacedImages>,
+}
+
+/// Scale and offset of the colour image of each material, and the place of a face's number among its packed values.
+struct PlacedImages {
+    by_number: Vec<([f64; 2], [f64; 2])>,
+    number: (Scalar, usize),
+    value_bytes: usize,
+}
+
+impl PlacedImages {
+    /// Those of a PLY, if one is not as it is without options (`-s`, `-o`).
+    fn of(header: &OutputHeader, kind: OutputKind) -> Option<PlacedImages> {
+        const PLAIN: ([f64; 2], [f64; 2]) = ([1.0; 2], [0.0; 2]);
+        let plan = header.textures.as_ref().filter(|_| kind == OutputKind::Ply)?;
+        let place = |material: &Material| {
+            let place = material.map(MapKind::Base).map(Map::place);
+            place.map_or(PLAIN, |place| (place.scale, place.offset))
+        };
+        let by_number: Vec<_> = plan.materials.list.iter().map(place).collect();
+        let number = header.faces.number_at().filter(|_| header.faces.texture)?;
+        let value_bytes = header.faces.value_bytes();
+        let is_any = by_number.iter().any(|place| *place != PLAIN);
+        is_any.then_some(PlacedImages { by_number, number, value_bytes })
+    }
+
+    fn placed(&self, triangles: &[TexturedTriangle], values: &[u8]) -> Vec<TexturedTriangle> {
+        let (scalar, at) = self.number;
+        let place = |(triangle, values): (&TexturedTriangle, &[u8])| {
+            let number = read_scalar(scalar, values, at);
+            let place = self.by_number.get(number as usize).filter(|_| number >= 0.0);
+            let Some((scale, offset)) = place else { return *triangle };
+            let placed = |uv: [f32; 2]| {
+                std::array::from_fn(|k| (f64::from(uv[k]) * scale[k] + offset[k]) as f32)
+            };
+            TexturedTriangle { texture: triangle.texture.map(placed), ..*triangle }
+        };
+        triangles.iter().zip(values.chunks_exact(self.value_bytes)).map(place).collect()
+    }
 }
 
 /// Names of the components of colours.
@@ -56,7 +96,7 @@ fn is_opacity(name: &str, schema: &VertexSchema) -> bool {
 }
 
 /// Parts of vertices and faces that a kind of file does not have. Normals of STL are those of its facets.
-fn lost_parts(header: &OutputHeader, kind: OutputKind) -> Ledger {
+fn lost_parts(header: &OutputHeader, (kind, encoding): (OutputKind, Encoding)) -> Ledger {
     const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
     let mut losses = Ledger::default();
     if kind == OutputKind::Ply {
@@ -89,14 +129,18 @@ fn lost_parts(header: &OutputHeader, kind: OutputKind) -> Ledger {
     let is_texture = |name: &str| TEXTURE_NAMES.as_flattened().contains(&name);
     let is_normal = |name: &str| NORMALS.contains(&name) && has(&NORMALS);
     let lost = of(&|name| COLOURS.contains(&name) && (is_stl || !colour.contains(&name)));
-    let lacks = |whole: bool| (if whole { "PLY, OBJ and GLB have" } else { "PLY has" }, whole);
-    lose(LossKind::Colors, "colours of vertices", &lost, lacks(is_stl || colour.is_empty()));
+    // A component without its fellows, and a second pair or colour, is a number like any other.
+    let others =
+        |is_pair: bool| if is_stl && is_pair { "PLY, OBJ and GLB have" } else { "PLY has" };
+    let lacks = (others(!colour.is_empty()), is_stl || colour.is_empty());
+    lose(LossKind::Colors, "colours of vertices", &lost, lacks);
     let lost = of(&|name| is_texture(name) && (is_stl || !pair.contains(&name)));
     let is_whole = is_stl || (pair.is_empty() && !header.faces.texture);
-    lose(LossKind::TextureCoordinates, "texture coordinates", &lost, lacks(is_whole));
+    let lacks = (others(!pair.is_empty()), is_whole);
+    lose(LossKind::TextureCoordinates, "texture coordinates", &lost, lacks);
     if is_stl && header.faces.texture {
         let what = "texture coordinates";
-        lose(LossKind::TextureCoordinates, what, &["of corners"], lacks(true));
+        lose(LossKind::TextureCoordinates, what, &["of corners"], (others(true), true));
     }
     let lost = of(&|name| {
         !COLOURS.contains(&name)
@@ -110,8 +154,10 @@ fn lost_parts(header: &OutputHeader, kind: OutputKind) -> Ledger {
     let of = |is: &dyn Fn(&str) -> bool| -> Vec<&str> {
         faces.iter().copied().filter(|name| is(name)).collect()
     };
-    let lost = of(&|name| COLOURS.contains(&name));
-    lose(LossKind::Colors, "colours of faces", &lost, ("PLY has", true));
+    let has_colours = is_stl && colour_of_facets(&header.faces, encoding).is_some();
+    let is_held = |name: &str| has_colours && ["red", "green", "blue"].contains(&name);
+    let lost = of(&|name| COLOURS.contains(&name) && !is_held(name));
+    lose(LossKind::Colors, "colours of faces", &lost, ("PLY has", !has_colours));
     // The number of an image means nothing without images, that of a name nothing without names.
     let has_names = !NameTable::of(&header.comments).is_empty();
     let lost =
@@ -178,7 +224,7 @@ impl MeshSink {
         let encoding = format.encoding.unwrap_or(Encoding::BinaryLittleEndian);
         let textures = header.textures.clone().map(|plan| (plan, place.disk.clone()));
         let kind = format.check(&place.path)?;
-        let mut losses = lost_parts(&header, kind);
+        let mut losses = lost_parts(&header, (kind, encoding));
         losses.merge(&lost_names(&mut header, kind));
         let has_images = |plan: &TexturePlan| plan.materials.has_image(|map| map == MapKind::Base);
         let is_hidden =
@@ -192,6 +238,7 @@ impl MeshSink {
             .filter(|_| matches!(kind, OutputKind::Obj | OutputKind::Glb));
         let schema = header.schema.clone();
         let rounding = Rounding::of(&schema, kind, format);
+        let placed = PlacedImages::of(&header, kind);
         let writer = match kind {
             OutputKind::Ply => {
                 let ply =
@@ -220,6 +267,7 @@ impl MeshSink {
             record_bytes,
             schema,
             rounding,
+            placed,
         })
     }
 
@@ -270,17 +318,17 @@ impl MeshSink {
                 |t: &&TexturedTriangle| !t.texture.as_flattened().iter().all(|x| x.is_finite());
             self.n_not_finite += triangles.iter().filter(is_bad).count() as u64;
         }
-        if let (Some(rounding), false) = (&mut self.rounding, matches!(self.writer, Writer::Stl(_)))
-        {
+        if let Some(rounding) = &mut self.rounding {
             rounding.add_faces(triangles.iter().map(|t| t.corners));
         }
         match &mut self.writer {
-            Writer::Ply(sink) => sink.write_full_faces(triangles, values),
+            Writer::Ply(sink) => match &self.placed {
+                Some(images) => sink.write_full_faces(&images.placed(triangles, values), values),
+                None => sink.write_full_faces(triangles, values),
+            },
             Writer::Obj(sink) => sink.write_full_faces(triangles, values),
             Writer::Glb(sink) => sink.write_full_faces(triangles, values),
-            Writer::Stl(_) => {
-                self.write_faces(&triangles.iter().map(|t| t.corners).collect::<Vec<_>>())
-            }
+            Writer::Stl(sink) => sink.write_full_faces(triangles, values),
         }
     }
 
@@ -302,6 +350,13 @@ impl MeshSink {
             let what = "opacity of vertices";
             let loss = Loss::new(LossKind::Colors, what, "only PLY has a place for it");
             losses.lose(loss.count(self.n_not_opaque));
+        }
+        if let Writer::Stl(sink) = &self.writer
+            && sink.n_rounded > 0
+        {
+            let what = "colours of faces";
+            let loss = Loss::new(LossKind::Colors, what, "STL has 5 bits a channel: rounded");
+            losses.lose(loss.count(sink.n_rounded).remedy("PLY has 8"));
         }
         if self.n_clamped > 0 {
             let what = "colours of vertices";

@@ -109,8 +109,14 @@ pub enum ChannelKind {
 }
 
 /// Names of texture coordinates at vertices.
-pub const TEXTURE_NAMES: [[&str; 2]; 4] =
-    [["s", "t"], ["u", "v"], ["texture_u", "texture_v"], ["texture_s", "texture_t"]];
+pub const TEXTURE_NAMES: [[&str; 2]; 6] = [
+    ["s", "t"],
+    ["u", "v"],
+    ["texture_u", "texture_v"],
+    ["texture_s", "texture_t"],
+    ["texcoord_u", "texcoord_v"],
+    ["tu", "tv"],
+];
 
 /// One property of a record, with its places in the record and among the channels.
 #[derive(Clone, Copy, Debug)]

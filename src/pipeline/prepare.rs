@@ -186,7 +186,9 @@ pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String
         || config.kind()? == OutputKind::Stl;
     stage.hard_edges = match is_unused {
         true => HardEdges::Unused,
-        false => HardEdges::Averaged("--normals drop leaves them to viewers, most of which shade each triangle as flat then"),
+        false => HardEdges::Averaged(
+            "--normals drop leaves them to viewers, most of which shade each triangle as flat then",
+        ),
     };
     Ok((marks, stage))
 }

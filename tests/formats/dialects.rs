@@ -35,6 +35,22 @@ fn canonical(triangles: &[[u64; 3]]) -> Vec<[u64; 3]> {
 }
 
 #[test]
+fn faces_may_be_called_triangles_and_coordinates_texcoord() {
+    let at = &crate::common::scratch();
+    for name in ["triangle", "Polygons", "face"] {
+        let text = format!(
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+             property float texcoord_u\nproperty float texcoord_v\nelement {name} 1\n\
+             property list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n"
+        );
+        std::fs::write(at.join("in.ply"), text).unwrap();
+        let said = crate::common::expect(at, "convert in.ply out.obj --force", 0);
+        assert!(said.contains(" 1 triangles") && !said.contains("lost"), "{said}");
+        assert!(std::fs::read_to_string(at.join("out.obj")).unwrap().contains("vt 1 0\n"));
+    }
+}
+
+#[test]
 fn every_dialect_in_every_encoding_and_line_end() -> AnyResult {
     for dialect in table() {
         for format in ["ascii", "binary_little_endian", "binary_big_endian"] {

@@ -220,6 +220,59 @@ fn colours_of_facets_are_read() {
     assert!(notes[0].what.contains("1 facets have attribute bytes"), "{notes:?}");
 }
 
+#[test]
+fn colours_of_facets_are_written() {
+    let at = &crate::common::scratch();
+    let viscam = [(0.0, 0x8000 | 31 << 10), (1.0, 0x8000 | 31), (2.0, 0x8000 | 5)];
+    std::fs::write(at.join("in.stl"), binary(b"", &viscam)).unwrap();
+    for command in ["convert in.stl", "simplify in.stl --ratio 100%"] {
+        let said = crate::common::expect(at, &format!("{command} out.stl --force"), 0);
+        assert!(!said.contains("lost"), "{said}");
+        let bytes = std::fs::read(at.join("out.stl")).unwrap();
+        let words = bytes[84..].chunks_exact(50).map(|facet| [facet[48], facet[49]]);
+        let mut words: Vec<u16> = words.map(u16::from_le_bytes).collect();
+        words.sort_unstable();
+        assert_eq!(words, [0x8005, 0x801f, 0xfc00], "{command}");
+    }
+    let said = crate::common::expect(at, "convert in.stl text.stl --format ascii", 3);
+    assert!(said.contains("colours of faces"), "{said}");
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
+        property list uchar int vertex_indices\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n\
+        0 0 0\n1 0 0\n0 1 0\n3 0 1 2 255 100 0\n";
+    std::fs::write(at.join("in.ply"), ply).unwrap();
+    let said = crate::common::expect(at, "convert in.ply rounded.stl", 0);
+    assert!(said.contains("STL has 5 bits a channel"), "{said}");
+}
+
+#[test]
+fn an_stl_of_the_other_kind_behind_one_is_refused() {
+    let at = &crate::common::scratch();
+    let binary = binary(b"one", &[(0.0, 0), (1.0, 0)]);
+    let long = STL.replace("solid a", &format!("solid {}", "a".repeat(5000)));
+    for parts in [[&binary, STL.as_bytes()], [long.as_bytes(), &binary]] {
+        std::fs::write(at.join("in.stl"), parts.concat()).unwrap();
+        let said = crate::common::expect(at, "convert in.stl out.ply --force", 4);
+        assert!(said.contains("lies behind"), "{said}");
+        crate::common::expect(at, "convert in.stl out.ply --force --skip-bad", 3);
+    }
+    std::fs::write(at.join("empty.stl"), "solid x\nendsolid x\n").unwrap();
+    crate::common::expect(at, "convert empty.stl none.ply", 4);
+    assert!(!at.join("none.ply").exists());
+}
+
+#[test]
+fn a_weight_before_the_colour_of_a_vertex_is_not_its_red() {
+    let rows = |last: &str| {
+        let text = format!("v 0 0 0 1 0 1 0\nv 1 0 0 1 0 1 {last}\nv 0 1 0 1 0 1 0\nf 1 2 3\n");
+        let at = &crate::common::scratch();
+        std::fs::write(at.join("in.obj"), text).unwrap();
+        let said = crate::common::expect(at, "convert in.obj out.ply --format ascii", 0);
+        assert!(!said.contains("lost"), "{said}");
+        std::fs::read_to_string(at.join("out.ply")).unwrap()
+    };
+    assert!(rows("1").contains("1 0 0 0 255 255\n"), "{}", rows("1"));
+}
+
 /// A ball of two metres at coordinates of a map keeps its shape.
 #[test]
 fn ascii_stl_keeps_what_it_says() {

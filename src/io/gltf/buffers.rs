@@ -305,6 +305,12 @@ pub(super) fn path_of(file: &RawFile, uri: &str) -> Option<PathBuf> {
     let is_far = uri.split_once(':').is_some_and(|(scheme, _)| {
         scheme.len() > 1 && scheme.chars().all(|c| c.is_ascii_alphanumeric())
     });
-    let name = String::from_utf8(unescaped(uri)).ok()?;
-    (!is_far).then(|| file.path().with_file_name("").join(name))
+    let path = |uri: &str| {
+        let name = String::from_utf8(unescaped(uri)).ok()?;
+        Some(file.path().with_file_name("").join(name))
+    };
+    let path_of = |uri: &str| path(uri).filter(|path| path.is_file());
+    // A query behind the name is what a server would be asked.
+    let bare = uri.split_once('?').and_then(|(name, _)| path_of(name));
+    if is_far { None } else { path_of(uri).or(bare).or_else(|| path(uri)) }
 }

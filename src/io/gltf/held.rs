@@ -68,7 +68,6 @@ impl Held {
     pub(super) fn id(&self, vertex: u32) -> u64 {
         self.ids.get().map_or(0, |ids| u64::from(ids[vertex as usize]))
     }
-
 }
 
 /// All that vertices of one place have in common. Adding 0 makes -0 and 0 the same.
@@ -92,8 +91,7 @@ mod tests {
 
     fn joined(hard_edges: HardEdges, memory_bytes: u64) -> (Vec<u8>, u64) {
         let folder = tempfile::tempdir().unwrap();
-        let options =
-            StageOptions { memory_bytes, hard_edges, ..StageOptions::new(folder.path()) };
+        let options = StageOptions { memory_bytes, hard_edges, ..StageOptions::new(folder.path()) };
         let mut joiner = Joiner::new(&options, true, true);
         joiner.has = FaceParts { texture: true, numbers: true, names: true };
         for n in 0..3000u32 {

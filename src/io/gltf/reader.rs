@@ -16,6 +16,7 @@ use super::opening::document;
 use super::scene::NodePlacement;
 use super::totals;
 use super::vertex_row::VertexRow;
+use crate::hard_edges;
 use crate::materials::{BARE_FACES, BARE_REASON, Materials};
 use crate::names::{Name, NameList};
 use crate::open_options::{HardEdges, StageOptions};
@@ -149,9 +150,7 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
     let (out, n_hard) = joiner.finish(&file)?;
     staged.losses.merge(&materials.losses);
     if let (HardEdges::Averaged(remedy), true) = (options.hard_edges, n_hard > 0) {
-        let why = "they differ by more than 30 degrees in one place (hard edges): averaged, which rounds the shading";
-        let loss = Loss::new(LossKind::Normals, "normals of vertices", why).count(n_hard);
-        staged.losses.lose(loss.remedy(remedy));
+        staged.losses.lose(hard_edges::averaged(n_hard, remedy));
     }
     if has_numbers {
         staged.materials = Some(Arc::new(materials));

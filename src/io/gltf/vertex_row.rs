@@ -1,9 +1,9 @@
 //! A vertex of a glTF mesh, and one that others in its place are joined with.
 
+use crate::hard_edges::HARD;
+
 /// Cosine of the angle up to which normals of one place are the same: a degree, four times what 8 bits round.
 const SAME: f64 = 0.999_85;
-/// Cosine of the angle from which they make a hard edge: 30 degrees.
-const HARD: f64 = 0.866;
 /// Normals of one place that stay apart at most, so that a place with any number of them takes no time.
 pub(super) const MOST_APART: usize = 1024;
 
@@ -22,7 +22,7 @@ pub(super) struct Open {
     pub(super) position: [f64; 3],
     pub(super) colour: [u8; 4],
     pub(super) normal: [f64; 3],
-    /// True if normals differ so much that their mean is none of them.
+    /// True if one of its normals differs from the first by more than `HARD`.
     pub(super) is_hard: bool,
     first_normal: [u32; 3],
 }

@@ -25,6 +25,8 @@ pub struct Materials {
     pub libraries: Vec<PathBuf>,
     /// Vertices whose colour, other than white, images are seen through: glTF multiplies the two.
     pub n_tinted: u64,
+    /// True if the mesh names images, or its material library does, and no material of a face has one.
+    pub lacks_images: bool,
     /// Places of the images that are files.
     by_path: HashMap<PathBuf, usize>,
 }

@@ -53,7 +53,7 @@ pub(super) fn enter(kind: OutputKind, materials: &Materials, losses: &mut Ledger
             if !holds(kind, map.kind) {
                 lose(LossKind::Images, map.kind.name(), !keeps_an_image);
             } else if kind == OutputKind::Glb && map.place().has_others
-                || kind == OutputKind::Ply && !map.options.is_empty()
+                || kind == OutputKind::Ply && (map.place().has_others || map.place().is_clamped)
             {
                 lose(LossKind::Images, &format!("options of the {}", map.kind.name()), false);
             } else if kind == OutputKind::Obj && map.has_unsaid_wrap()

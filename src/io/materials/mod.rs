@@ -17,7 +17,7 @@ pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials
 pub use description::{CLAMPED, NUMBER};
 pub use images::{copy_bytes, image_size, look as look_at_image};
 pub use losses::{BARE_FACES, BARE_REASON, EMITTED, besides_pages};
-pub use mtl::{after_word, read_library, settle_images};
+pub use mtl::{after_word, names_in_library, read_library, settle_images};
 pub use plan::{Reference, all_missing, stem};
 pub use plan::{TextureMode, TexturePlan, TextureRequest};
 pub use search::{Search, folded, library_beside, plain, relative};

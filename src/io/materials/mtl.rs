@@ -58,15 +58,17 @@ pub fn after_word(n: usize, line: &[u8]) -> &[u8] {
 }
 
 /// Reads the materials of a library that `wanted` gives a number, as far as they are not known yet; `images` looks
-/// for files. A material that is there twice is the first, with a line. Words are read in any case.
+/// for files. A material that is there twice is the first, with images of the others that it lacks, and a line. Words are
+/// read in any case. Returns whether a line that names an image leads to none.
 pub fn read_library(
     text: Vec<u8>,
     images: &mut Search,
     wanted: &dyn Fn(&[u8]) -> Option<usize>,
     known: &mut [bool],
     out: &mut Materials,
-) {
+) -> bool {
     let (mut current, known_before) = (None, known.to_vec());
+    let (mut is_begun, mut is_again, mut lacks_image) = (false, false, false);
     let file = RawFile::from_bytes("material library", text);
     let (mut lines, mut line) = (Lines::of_obj(&file), Vec::new());
     // What is in memory can be read; a line that is too long ends the library.
@@ -77,24 +79,38 @@ pub fn read_library(
             continue;
         };
         if word.eq_ignore_ascii_case("newmtl") {
-            let named = wanted(after_word(word.len(), line));
-            current = named.filter(|&number| !known[number]);
-            if let Some(number) = current {
-                known[number] = true;
-            } else if let Some(number) = named.filter(|&number| !known_before[number]) {
+            is_begun = true;
+            current = wanted(after_word(word.len(), line)).filter(|&number| !known_before[number]);
+            let Some(number) = current else { continue };
+            is_again = std::mem::replace(&mut known[number], true);
+            if is_again {
                 let example = format!("'{}'", out.list[number].name);
-                let (what, why) = ("materials described again", "the first description is taken");
+                let what = "materials described again";
+                let why = "the first description is taken, with images of the others that it lacks";
                 out.lose(Loss::new(LossKind::Materials, what, why).example(example));
             }
             continue;
         }
-        let Some(number) = current else { continue };
         let is = |list: &[(&str, MapKind)]| {
             list.iter().find(|(w, _)| w.eq_ignore_ascii_case(word)).map(|(_, kind)| *kind)
         };
-        if let Some(kind) = is(&MAPS).or_else(|| is(&OTHER_MAPS)) {
+        let kind = is(&MAPS).or_else(|| is(&OTHER_MAPS));
+        let Some(number) = current else {
+            if kind.is_some() && !is_begun {
+                lacks_image = true;
+                let why = "they stand before the first 'newmtl': of no material";
+                let loss = Loss::new(LossKind::Images, "images", why);
+                out.lose(loss.example(format!("'{}'", encodings::name(line.trim_ascii()))));
+            }
+            continue;
+        };
+        if is_again && kind.is_none_or(|kind| out.list[number].map(kind).is_some()) {
+            continue;
+        }
+        if let Some(kind) = kind {
             let (options, name) = options_and_name(after_word(word.len(), line));
             if name.is_empty() {
+                lacks_image = true;
                 let loss = Loss::new(LossKind::Images, "images", "their lines name no file");
                 out.lose(loss.example(format!("'{}'", encodings::name(line.trim_ascii()))));
             } else if out.list[number].map(kind).is_some() {
@@ -117,6 +133,25 @@ pub fn read_library(
             }
         }
     }
+    lacks_image
+}
+
+/// The names of the materials of a library, each once, and whether it names an image.
+pub fn names_in_library(text: Vec<u8>) -> (Vec<Vec<u8>>, bool) {
+    let (mut names, mut has_image) = (Vec::new(), false);
+    let file = RawFile::from_bytes("material library", text);
+    let (mut lines, mut line) = (Lines::of_obj(&file), Vec::new());
+    while lines.next(&mut line).is_ok_and(|is_there| is_there) {
+        let Some(word) = words(&line).next() else { continue };
+        if word.eq_ignore_ascii_case(b"newmtl") {
+            names.push(after_word(word.len(), &line).to_vec());
+        }
+        let mut maps = MAPS.iter().chain(&OTHER_MAPS);
+        has_image |= maps.any(|(map, _)| word.eq_ignore_ascii_case(map.as_bytes()));
+    }
+    names.sort_unstable();
+    names.dedup();
+    (names, has_image)
 }
 
 /// Takes the image of ambient colour for the colour image where a material has no other: some programs write only that. Zeros
@@ -253,7 +288,7 @@ mod tests {
     #[test]
     fn what_has_no_place_stays_as_text() {
         let text = "newmtl b\nKd 0.5\nnewmtl a\nKd 1 0 0.25\nTr 0.25\nillum 2\nNi 1.5\nmap_Kd x.png\nmap_Kd y.png\n\
-            Kd spectral f.rfl\nnewmtl a\nKd 0 0 0\n";
+            Kd spectral f.rfl\nnewmtl a\nKd 0 0 0\nmap_Kd z.png\nmap_Ke light.png\n";
         let wanted = |name: &[u8]| (name == b"a").then_some(0);
         let mut out = Materials::default();
         out.list.push(Material::default());
@@ -263,7 +298,8 @@ mod tests {
         let material = &out.list[0];
         assert_eq!(material.base, [1.0, 0.0, 0.25, 0.75]);
         assert_eq!(material.mtl_lines, ["illum 2", "Ni 1.5", "Kd spectral f.rfl"]);
-        assert_eq!((material.maps.len(), out.images[0].name.as_str()), (1, "x.png"));
+        let names: Vec<&str> = out.images.iter().map(|image| image.name.as_str()).collect();
+        assert_eq!((material.maps.len(), names), (2, vec!["x.png", "light.png"]));
         assert!(known[0]);
     }
 }

@@ -228,6 +228,11 @@ impl TexturePlan {
         }
         if self.lacks_images() {
             self.losses.lose(all_missing(self.n_missing));
+        } else if materials.lacks_images {
+            let why = "no material that a face names has one";
+            let loss = Loss::new(LossKind::Images, "all images of the material library", why);
+            let remedy = "let the faces name a material of the library (usemtl)";
+            self.losses.lose(loss.remedy(remedy).whole());
         }
         let is_none = |reference: &Reference| matches!(reference, Reference::None);
         if mode == TextureMode::Embed

@@ -1,5 +1,6 @@
 //! OBJ in and out, with texture coordinates at corners and the names of materials.
 
+mod named;
 mod reader;
 mod rows;
 mod texture;

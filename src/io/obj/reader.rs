@@ -1,10 +1,11 @@
 //! OBJ: two passes over the text, one to learn what there is, one to write it as a PLY.
 //!
-//! Takes vertices, their colours, polygons, texture coordinates at corners, which material a face has (`texture`) and which
+//! Takes vertices, their colours, polygons, texture coordinates at corners, which material a face has (`named`) and which
 //! object and group it is in; corner normals, lines and points have no place in a simplified mesh, and a note names them.
 
+use super::named::{NO_MATERIAL, Named};
 use super::rows::{face, has_texture, is_cut, vertex, wide};
-use super::texture::{NO_MATERIAL, Named, TexturedFaces};
+use super::texture::TexturedFaces;
 use crate::encodings;
 use crate::extent::Extent;
 use crate::materials::{BARE_FACES, BARE_REASON, Image, after_word};
@@ -50,6 +51,9 @@ struct Summary {
     /// Vertices with a colour, and with an opacity behind it.
     n_coloured: u64,
     n_opacities: u64,
+    /// True if the first, and the last, of four numbers behind coordinates is not 1 somewhere.
+    has_other_first: bool,
+    has_other_last: bool,
     colours: ColourSurvey,
     extent: Extent,
     textured: bool,
@@ -98,7 +102,11 @@ impl Summary {
                     if let Some(colour) = vertex.colour {
                         summary.n_coloured += 1;
                         colour.iter().for_each(|&value| summary.colours.add(value));
-                        summary.n_opacities += u64::from(vertex.has_opacity);
+                        if let Some(last) = vertex.opacity {
+                            summary.n_opacities += 1;
+                            summary.has_other_first |= colour[0] != 1.0;
+                            summary.has_other_last |= last != 1.0;
+                        }
                     }
                 }
                 Some(b"f" | b"fo") => {
@@ -165,6 +173,11 @@ impl Summary {
         }
     }
 
+    /// Returns whether vertices have a weight of 1 before their colour, not an opacity behind it.
+    fn has_weights(&self) -> bool {
+        self.has_other_last && !self.has_other_first
+    }
+
     /// Returns whether faces get the number of their material.
     fn has_numbers(&self) -> bool {
         self.textured || self.materials.has_any()
@@ -215,7 +228,8 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
     summary.comments.extend(names.list.comments());
     let has_names = names.list.has_numbers();
     names.rewind();
-    let materials = summary.materials.describe(file.path(), options.parse_bytes)?;
+    let materials =
+        summary.materials.describe(file.path(), (summary.textured, options.parse_bytes))?;
     summary.enter_left_out(&mut staged.losses);
     staged.losses.merge(&materials.losses);
     if summary.textured {
@@ -229,11 +243,14 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
         staged.texture = Some(TextureInfo { files, property: "texcoord".to_owned() });
     }
     // The labels of a face: its material and its name, as far as there are any.
-    let (mut material, mut labels) = (NO_MATERIAL, Vec::new());
+    let of_all =
+        if summary.materials.has_any() || materials.list.is_empty() { NO_MATERIAL } else { 0 };
+    let (mut material, mut labels) = (of_all, Vec::new());
     let mut texture = summary.textured.then(|| TexturedFaces::new(options));
     let label_bytes = 4 * (usize::from(summary.has_numbers()) + usize::from(has_names));
     let coordinate = summary.extent.coordinate();
     let coloured = summary.n_coloured > 0;
+    let has_weights = summary.has_weights();
     // Colours go from 0 to 1, but some programs write 0 to 255.
     let white = f64::from(summary.colours.white_of_floats());
     let mut n_clamped = 0u64;
@@ -248,6 +265,7 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
         match first.as_deref() {
             Some(b"v") => {
                 let vertex = vertex(words, skip_bad).map_err(|what| lines.bad(what))?;
+                let vertex = if has_weights { vertex.weighted() } else { vertex };
                 if !skip_bad && vertex.position.iter().any(|v| !v.is_finite()) {
                     return Err(lines.bad(
                         "a vertex is not finite; repair the file, or drop such vertices and their \
@@ -327,7 +345,11 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
             "vertices without colour",
             "others have one: white".to_owned(),
         ),
-        (summary.n_opacities, "opacity behind the colour of vertices", "not carried".to_owned()),
+        (
+            if has_weights { 0 } else { summary.n_opacities },
+            "opacity behind the colour of vertices",
+            "not carried".to_owned(),
+        ),
     ] {
         if n > 0 {
             staged.losses.lose(Loss::new(LossKind::Colors, what, why).count(n));

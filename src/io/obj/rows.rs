@@ -7,9 +7,21 @@ use crate::text_lines::{not_a_number, parse_number, parse_whole};
 pub(super) struct Vertex {
     pub(super) position: [f64; 3],
     pub(super) colour: Option<[f64; 3]>,
-    pub(super) has_opacity: bool,
+    /// The number behind the colour.
+    pub(super) opacity: Option<f64>,
     /// True if there are numbers that say something else: a weight, or of no known meaning.
     pub(super) has_more: bool,
+}
+
+impl Vertex {
+    /// The same if the first of four numbers behind the coordinates is their weight, and the others are the colour.
+    pub(super) fn weighted(self) -> Vertex {
+        let colour = match (self.colour, self.opacity) {
+            (Some([_, r, g]), Some(b)) => Some([r, g, b]),
+            (colour, _) => colour,
+        };
+        Vertex { colour, opacity: None, ..self }
+    }
 }
 
 /// With `skip_bad`, what is missing or not a number is NaN.
@@ -46,7 +58,7 @@ pub(super) fn vertex<'a>(
         _ => n == 5,
     };
     let position = [values[0], values[1], values[2]];
-    Ok(Vertex { position, colour, has_opacity: n == 7, has_more })
+    Ok(Vertex { position, colour, opacity: (n == 7).then_some(values[6]), has_more })
 }
 
 /// `7/3` and `7/3/1` have texture coordinates, `7` and `7//1` have none.

@@ -180,6 +180,14 @@ impl Element {
         }
     }
 
+    /// Returns whether these are faces under another name.
+    fn has_faces(&self) -> bool {
+        const NAMES: [&str; 4] = ["faces", "triangle", "polygon", "facet"];
+        let name = self.name.to_ascii_lowercase();
+        let is_one = |known: &&str| name.strip_prefix(*known).is_some_and(|end| end.len() < 2);
+        self.index_list().is_some() && NAMES.iter().any(is_one)
+    }
+
     /// The corner list of a face or strip.
     pub fn index_list(&self) -> Option<usize> {
         self.properties.iter().position(|p| {
@@ -332,6 +340,11 @@ impl<'a> Parser<'a> {
             }
         }
         header.elements.iter_mut().for_each(Element::spell_as_known);
+        if !header.elements.iter().any(|element| ["face", "tristrips"].contains(&&*element.name))
+            && let Some(element) = header.elements.iter_mut().find(|element| element.has_faces())
+        {
+            element.name = "face".to_owned();
+        }
         header.encoding = encoding.ok_or_else(|| self.bad("the line 'format' is missing"))?;
         header.body_offset = self.at as u64;
         header.n_lines = self.line;

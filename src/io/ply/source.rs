@@ -239,6 +239,11 @@ impl MeshSource {
         self.staged.weld = Some(report);
     }
 
+    /// Notes what is lost when vertices are joined.
+    pub(crate) fn note_loss(&mut self, loss: Loss) {
+        self.staged.losses.lose(loss);
+    }
+
     /// Notes the property that says which vertices must stay.
     pub fn note_lock(&mut self, lock: LockedBy) {
         self.staged.lock = Some(lock);

@@ -1,5 +1,6 @@
 //! ASCII STL: a stream of words, read with the precision that it is written with.
 
+use super::other_kind::{is_rest, refuse_other};
 use super::weld::{DOUBLES, DOUBLES_BY_FIRST, FLOATS, FLOATS_BY_FIRST, Welder};
 use crate::extent::Extent;
 use crate::open_options::StageOptions;
@@ -111,6 +112,11 @@ pub fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawFile, St
     let (mut comments, mut n_coloured) = (Vec::new(), 0);
     while lines.next(&mut line)? {
         if ended && line.contains(&0) {
+            if is_rest(file, lines.offset)? {
+                let parts = (lines.offset, ["a binary STL file", "an ASCII one"]);
+                staged.losses.lose(refuse_other(file, parts, options)?);
+                break;
+            }
             let at = lines.number;
             let what = format!("line {at}: what is behind 'endsolid' is not text: left out");
             staged.notes.push(Loss { kind: LossKind::Elements, ..Loss::remark(what) });

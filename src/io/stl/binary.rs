@@ -2,6 +2,7 @@
 
 use super::ascii::{is_ascii, not_finite};
 use super::facet_colours::FacetColours;
+use super::other_kind::{FACET_BYTES, HEADER_BYTES, refuse_other};
 use super::weld::{FLOATS, FLOATS_BY_FIRST, Welder};
 use crate::open_options::StageOptions;
 use crate::ply::raw::RawFile;
@@ -9,9 +10,6 @@ use crate::ply::source::Staged;
 use crate::sidecars::comments_of;
 use stonecut_system::error::Result;
 use stonecut_system::losses::{Loss, LossKind};
-
-const HEADER_BYTES: u64 = 84;
-const FACET_BYTES: u64 = 50;
 
 /// Files one behind the other that are looked for in a file of unknown format.
 const MAX_PARTS: u64 = 10_000;
@@ -67,7 +65,12 @@ pub fn read_binary(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
         reader.staged.notes.push(Loss::remark(what));
     }
     let rest = file.len().saturating_sub(at);
-    if rest > 0 {
+    let mut first = [0; 4096];
+    let n = if rest > 0 { file.read_at_most(&mut first, at)? } else { 0 };
+    if is_ascii(&first[..n]) && n > 0 {
+        let loss = refuse_other(file, (at, ["an ASCII STL file", "a binary one"]), options)?;
+        reader.staged.losses.lose(loss);
+    } else if rest > 0 {
         let what = format!(
             "byte offset {at}: the {rest} bytes behind the last facet are not an STL file: left out"
         );

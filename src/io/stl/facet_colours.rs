@@ -2,7 +2,7 @@
 //!
 //! VisCAM and SolidView: bit 15 is set where a facet has a colour; blue is lowest. Materialise Magics: the header has
 //! `COLOR=` and a colour for all; bit 15 is clear where a facet has its own, and red is lowest. Other values are not
-//! colours: facets that have them beside some with a colour are white, and a note counts them.
+//! colours: facets that have them beside some with a colour are white, and a note counts them. Written are those of VisCAM.
 
 use crate::ply::raw::{RawFile, Spool};
 use stonecut_system::error::Result;
@@ -13,6 +13,17 @@ const FLAG: u16 = 1 << 15;
 
 /// Colour of facets without one, beside others that have one.
 const WHITE: [u8; 3] = [255; 3];
+
+/// A colour as VisCAM has it: the flag, and 5 bits a channel.
+pub(super) fn packed(rgb: [u8; 3]) -> u16 {
+    let [red, green, blue] = rgb.map(|value| (u16::from(value) * 31 + 127) / 255);
+    FLAG | red << 10 | green << 5 | blue
+}
+
+/// The colour of such a word.
+pub(super) fn unpacked(word: u16) -> [u8; 3] {
+    [10, 5, 0].map(|shift| ((u32::from(word >> shift & 31) * 255 + 15) / 31) as u8)
+}
 
 /// One of the STL files that lie one behind the other.
 #[derive(Default)]
@@ -124,10 +135,7 @@ impl Part {
     }
 
     fn colour(&self, word: u16) -> [u8; 3] {
-        let [low, middle, high] = [0, 5, 10].map(|shift| {
-            let value = u32::from(word >> shift & 31);
-            ((value * 255 + 15) / 31) as u8
-        });
+        let [high, middle, low] = unpacked(word);
         match self.whole {
             // Programs that write one colour for all leave the bytes of the facets 0, which would be black.
             Some(whole) if word & FLAG != 0 || self.n_marked == 0 => whole,

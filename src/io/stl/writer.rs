@@ -1,11 +1,13 @@
 //! STL out: loose triangles of floats, binary or ASCII, with the normal of each.
 
+use super::facet_colours::{packed, unpacked};
 use crate::ply::lookup::Lookup;
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::writer::Shortest;
-use crate::ply::{Encoding, OutputHeader};
+use crate::ply::{Encoding, FaceSchema, OutputHeader, TexturedTriangle};
 use crate::sidecars::place_words;
 use std::io::Write;
+use stonecut_mesh::property::Scalar;
 use stonecut_mesh::vec3::{normal, unit};
 use stonecut_system::disk::folder_of;
 use stonecut_system::error::{Error, Result};
@@ -19,6 +21,18 @@ pub struct StlWriter {
     spool: Option<Spool>,
     positions: Option<RawFile>,
     faces_left: u64,
+    /// Places of red, green and blue among a face's packed values.
+    colour: Option<[usize; 3]>,
+    /// Facets whose colour has more than the 5 bits a channel that are written.
+    pub(crate) n_rounded: u64,
+}
+
+/// Places of the colours of faces that a binary STL holds, behind each facet as VisCAM and SolidView have them.
+pub(crate) fn colour_of_facets(faces: &FaceSchema, encoding: Encoding) -> Option<[usize; 3]> {
+    let place = |name: &str| faces.place_of(name).filter(|(scalar, _)| *scalar == Scalar::U8);
+    let [red, green, blue] = ["red", "green", "blue"].map(place);
+    let places = [red?.1, green?.1, blue?.1];
+    (encoding != Encoding::Ascii).then_some(places)
 }
 
 impl StlWriter {
@@ -53,7 +67,9 @@ impl StlWriter {
         }
         let spool = Some(Spool::new(folder_of(&path)));
         let faces_left = header.n_faces;
-        Ok(StlWriter { out, header, ascii, spool, positions: None, faces_left })
+        let colour = colour_of_facets(&header.faces, encoding);
+        let positions = None;
+        Ok(StlWriter { out, header, ascii, spool, positions, faces_left, colour, n_rounded: 0 })
     }
 
     /// Appends packed records of the header's schema.
@@ -72,6 +88,26 @@ impl StlWriter {
 
     /// Appends triangles; all vertices must have been written.
     pub fn write_faces(&mut self, triangles: &[[u64; 3]]) -> Result<()> {
+        self.put(triangles.iter().map(|&corners| (corners, 0)))
+    }
+
+    /// The same with the packed values of their properties, of which colours are written.
+    pub fn write_full_faces(
+        &mut self,
+        triangles: &[TexturedTriangle],
+        values: &[u8],
+    ) -> Result<()> {
+        let places = self.colour;
+        let value_bytes = self.header.faces.value_bytes();
+        let colour = |i: usize| places.map(|at| at.map(|at| values[i * value_bytes + at]));
+        let colours = || (0..triangles.len()).map(colour);
+        let is_rounded = |rgb: &Option<[u8; 3]>| rgb.is_some_and(|c| unpacked(packed(c)) != c);
+        self.n_rounded += colours().filter(is_rounded).count() as u64;
+        let words = colours().map(|rgb| rgb.map_or(0, packed));
+        self.put(triangles.iter().map(|triangle| triangle.corners).zip(words))
+    }
+
+    fn put(&mut self, triangles: impl ExactSizeIterator<Item = ([u64; 3], u16)>) -> Result<()> {
         if let Some(spool) = self.spool.take() {
             assert!(spool.len() == 12 * self.header.n_vertices, "as many vertices as promised");
             self.positions = Some(spool.finish(self.out.target())?);
@@ -85,9 +121,9 @@ impl StlWriter {
             })
         });
         let mut rows = Vec::new();
-        for triangle in triangles {
+        for (triangle, colour) in triangles {
             let mut corners = [[0.0; 3]; 3];
-            for (place, &vertex) in corners.iter_mut().zip(triangle) {
+            for (place, vertex) in corners.iter_mut().zip(triangle) {
                 *place = lookup.position(vertex)?;
             }
             let n = unit(normal(corners)).unwrap_or_default();
@@ -99,7 +135,7 @@ impl StlWriter {
                         rows.extend_from_slice(&(value as f32).to_le_bytes());
                     }
                 }
-                rows.extend_from_slice(&[0, 0]);
+                rows.extend_from_slice(&colour.to_le_bytes());
             }
             if rows.len() > 1 << 18 {
                 self.out.write(&rows)?;

@@ -121,7 +121,7 @@ fn join_records<const N: usize>(
             report.notes.extend(edits.notes(overlap));
             report.notes.extend(note_alone(&alone, &source));
         }
-        None => report.notes.push(note(&report, &source)),
+        None => report.notes.push(note(&report, how, &source)),
     }
     let schema = source.schema().clone();
     restage(source, schema, (n_vertices, vertices), faces, options, |staged| {
@@ -395,9 +395,17 @@ impl<'a> Mixer<'a> {
 }
 
 /// Words for what was joined.
-fn note(report: &WeldReport, source: &MeshSource) -> String {
+fn note(report: &WeldReport, how: &WeldOptions, source: &MeshSource) -> String {
+    let less = match how.how {
+        Weld::Distance(asked) if asked > report.distance => {
+            format!(
+                " (not {asked:.1e}: more than a tenth of the median edge would join what is apart)"
+            )
+        }
+        _ => String::new(),
+    };
     format!(
-        "{} of {} vertices of {} triangles lay within {:.1e} of another and were joined; --weld off leaves them apart",
+        "{} of {} vertices of {} triangles lay within {:.1e} of another and were joined{less}; --weld off leaves them apart",
         show_count(report.joined),
         show_count(report.vertices),
         show_count(source.n_triangles()),

@@ -200,7 +200,7 @@ fn simplify_in_memory(
     };
     source.remarks()?.into_iter().for_each(|remark| progress.lose(remark));
     let made = match unchanged(&config.input, marks, made) {
-        Ok(made) if made.mesh.triangles.is_empty() => Err(nothing_left(config, &made)),
+        Ok(made) if made.mesh.triangles.is_empty() => Err(nothing_left(config, source, &made)),
         other => other,
     };
     let made = match made {
@@ -221,13 +221,20 @@ fn simplify_in_memory(
     Ok(RunReport { stages, ..report(source, &made, plan, config) })
 }
 
-fn nothing_left(config: &Config, made: &Made) -> Error {
+fn nothing_left(config: &Config, source: &MeshSource, made: &Made) -> Error {
     let what = match &made.report {
         MethodReport::Grid(GridReport { cell_size: size, .. }) => format!(
             "no triangle has its corners in three cells of {size}; ask for more triangles, or give a smaller --grid; where \
              vertices without a face lie far away, leave them out first (stonecut convert); nothing was written"
         ),
-        _ => "no triangle is left; nothing was written".to_owned(),
+        // What was seen of copies of vertices is the most likely reason.
+        _ => source
+            .weld()
+            .into_iter()
+            .flat_map(|weld| &weld.notes)
+            .fold("no triangle is left; nothing was written".to_owned(), |what, note| {
+                format!("{what}; {note}")
+            }),
     };
     Error::Empty { path: config.output.clone(), what }
 }

@@ -11,9 +11,15 @@ pub(super) fn held(path: &Path) -> BTreeSet<&'static str> {
         "obj" => held_by_obj(path),
         "glb" => held_by_glb(path),
         "tiles" => held_by_tiles(path),
-        // Those of its facets.
-        _ => BTreeSet::from(["normals"]),
+        _ => held_by_stl(path),
     }
+}
+
+/// Normals are those of facets.
+fn held_by_stl(path: &Path) -> BTreeSet<&'static str> {
+    let bytes = std::fs::read(path).unwrap();
+    let is_coloured = bytes[84..].chunks_exact(50).all(|facet| facet[49] & 0x80 != 0);
+    those([(true, "normals"), (is_coloured, "colours of faces")])
 }
 
 fn those(kinds: impl IntoIterator<Item = (bool, &'static str)>) -> BTreeSet<&'static str> {
