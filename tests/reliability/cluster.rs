@@ -102,13 +102,6 @@ fn any_number_of_units_gives_the_bytes_of_one_process() {
         (
             "statue",
             "60k",
-            "--ratio 10% --cell-triangles 1000",
-            &threshold,
-            &[&two[..], &third_exact].concat(),
-        ),
-        (
-            "statue",
-            "60k",
             "--ratio 10% --cell-triangles 1000 --fit on",
             &threshold,
             &[&two[..], &third_exact].concat(),
