@@ -51,7 +51,7 @@ fn begun(input: &Path, output: &Path, file: &str) -> (Child, bool) {
 
 #[test]
 fn a_run_that_is_killed_at_any_stage_is_continued_to_the_same_bytes() {
-    let folder = statue("200k");
+    let folder = statue("120k");
     let path = folder.path();
     expect(path, &command(&path.join("whole")), 0);
     let whole = files(&path.join("whole"));
@@ -76,7 +76,7 @@ fn a_run_that_is_killed_at_any_stage_is_continued_to_the_same_bytes() {
 #[test]
 fn a_disk_that_fills_during_the_run_stops_it() {
     let Some(volume) = Volume::mount("size=96m") else { return };
-    let folder = statue("200k");
+    let folder = statue("120k");
     expect(folder.path(), &command(&folder.path().join("whole")), 0);
     let whole = files(&folder.path().join("whole"));
     let output = volume.path().join("out");
@@ -110,7 +110,7 @@ fn a_disk_that_fills_during_the_run_stops_it() {
 
 #[test]
 fn of_two_runs_at_once_one_is_refused_and_the_other_ends() {
-    let folder = statue("200k");
+    let folder = statue("120k");
     let path = folder.path();
     expect(path, &command(&path.join("whole")), 0);
     let output = path.join("out");
