@@ -55,6 +55,8 @@ pub(super) struct Original {
     pub tints_images: bool,
     /// True if images are seen through the colours of vertices, as glTF has it; otherwise they hide these.
     pub is_seen_through: bool,
+    /// True if white may stand for no colour of a vertex: without an image, its material's is seen.
+    pub has_bare: bool,
 }
 
 /// A place on the original.
@@ -155,6 +157,7 @@ impl Original {
             ..StageOptions::new(means.temp_dir)
         };
         let is_seen_through = !source.images_hide_colours();
+        let has_bare = !is_seen_through && source.has_bare_vertices();
         let source = faces_to_vertices(source, carry, &stage)?;
         let schema = source.schema().clone();
         let carried = Carried::of(&schema);
@@ -194,6 +197,7 @@ impl Original {
             },
             has_frames: options.normals && palette.has_normal_maps(),
             is_seen_through,
+            has_bare,
             ..Original::of(OriginalCells::Cut(Box::new(scratch), numbers), texture)
         };
         original.survey(palette, means)?;
@@ -223,6 +227,7 @@ impl Original {
             n_lost: 0,
             tints_images: false,
             is_seen_through: false,
+            has_bare: false,
         }
     }
 

@@ -90,7 +90,8 @@ pub(super) fn plain_lights(
         let factor = paint.map_or([1.0; 4], |paint| paint.factor);
         let has_image = paint.is_some_and(|paint| paint.base.is_some());
         let is_seen_through = scene.original.is_seen_through;
-        if (has_image && !is_seen_through) || !scene.original.has_colours() {
+        let is_bare = scene.original.has_bare && hit.colour == [255; 3];
+        if (has_image && !is_seen_through) || is_bare || !scene.original.has_colours() {
             return times_opacity(factor);
         }
         let [r, g, b] = hit.colour;

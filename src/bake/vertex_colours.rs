@@ -1,6 +1,6 @@
 //! Colours of vertices out of the input's images and materials, for outputs that have colours but neither of them.
 //!
-//! A vertex gets the mean of what its corners show, in linear light, weighted by opacity (times its own colour, in formats that multiply the two): the part of the image that reaches
+//! A vertex gets the mean of what its corners show, in linear light, weighted by opacity (times its own colour, in formats that multiply the two; where images hide colours, vertices without an image keep theirs): the part of the image that reaches
 //! halfway along the edges of each triangle. Sums of as many vertices as the memory holds are kept at a time;
 //! the faces are read once for each such window. Bytes depend neither on memory nor on threads.
 
@@ -43,13 +43,17 @@ pub struct Coloured {
     pub bad_faces: u64,
 }
 
-/// True if vertices can get colours out of images or materials: they have none yet, or their own multiply those.
+/// True if vertices can get colours out of images or materials: they have none yet, or their own multiply those or are hidden.
 pub fn colours_vertices(source: &MeshSource) -> bool {
     let has_colour = source.schema().properties.iter().any(|p| p.name == COLOUR[0]);
-    let multiplies = !source.images_hide_colours() && own_colour(source).is_some();
+    let own = own_colour(source).is_some();
+    let sees_materials =
+        !has_colour || own && (!source.images_hide_colours() || source.has_bare_vertices());
     let has_images = |all: &Materials| source.has_corner_texture() && !all.images.is_empty();
-    (!has_colour || multiplies)
-        && source.materials().is_some_and(|all| has_images(all) || is_tinted(all))
+    let sees_images = !has_colour || own;
+    source
+        .materials()
+        .is_some_and(|all| sees_images && has_images(all) || sees_materials && is_tinted(all))
 }
 
 /// True if materials differ in colour, or if the colour of all of them is not a grey.
@@ -95,7 +99,7 @@ pub fn colour_vertices(source: &MeshSource, to: &Path, means: Means) -> Result<C
         )));
     }
     let cache = ImageCache::new(&palette, image_bytes);
-    let window = means.memory_bytes / SUM_SHARE / size_of::<Light>() as u64;
+    let window = means.memory_bytes / SUM_SHARE / (size_of::<Light>() as u64 + 1);
     if window == 0 {
         return Err(Error::NoMemory(format!(
             "no memory for colours of vertices in {}; give more --memory",
@@ -114,6 +118,8 @@ fn in_windows(
 ) -> Result<Coloured> {
     let n_vertices = source.n_vertices();
     let (schema, own) = (coloured_schema(source), own_colour(source));
+    let hides = own.is_some() && source.images_hide_colours();
+    let has_bare = source.has_bare_vertices();
     let mut coloured = Coloured::default();
     let mut writer = None;
     let mut first = 0;
@@ -122,8 +128,9 @@ fn in_windows(
     let mut block = 0;
     while first < n_vertices || writer.is_none() {
         let end = n_vertices.min(first.saturating_add(window));
-        let mut painter =
-            Painter { cache, palette, first, means, sums: vec![[0.0; 4]; (end - first) as usize] };
+        let n = (end - first) as usize;
+        let (sums, has_image) = (vec![[0.0; 4]; n], vec![false; n]);
+        let mut painter = Painter { cache, palette, first, means, sums, has_image, hides };
         let counted = painter.paint(source)?;
         let writer = match &mut writer {
             Some(writer) => writer,
@@ -158,14 +165,20 @@ fn in_windows(
             {
                 let at = records.len();
                 records.extend_from_slice(record);
-                let mut light = painter.sums[(next - first) as usize + i];
+                let vertex = (next - first) as usize + i;
+                let mut light = painter.sums[vertex];
+                let mut is_kept = false;
                 if let Some(own) = own {
                     let [r, g, b] = own.bytes(record);
-                    let of_own = cache.table.of([r, g, b, 255]);
-                    (0..3).for_each(|k| light[k] *= of_own[k]);
+                    let is_bare = has_bare && [r, g, b] == [255; 3];
+                    is_kept = hides && !painter.has_image[vertex] && !is_bare;
+                    if !hides {
+                        let of_own = cache.table.of([r, g, b, 255]);
+                        (0..3).for_each(|k| light[k] *= of_own[k]);
+                    }
                 }
                 let [r, g, b, opacity] = pixel_of(light);
-                match (own, opacity > 0) {
+                match (own, opacity > 0 && !is_kept) {
                     (Some(own), true) => own.put_bytes([r, g, b], &mut records[at..]),
                     (Some(_), false) => {}
                     (None, true) => records.extend([r, g, b]),
@@ -204,6 +217,9 @@ struct Painter<'a> {
     first: u64,
     means: Means<'a>,
     sums: Vec<Light>,
+    /// Vertices that have seen an image, which hides everything else at them where `hides`.
+    has_image: Vec<bool>,
+    hides: bool,
 }
 
 impl Painter<'_> {
@@ -234,8 +250,16 @@ impl Painter<'_> {
                 }
             }
             multiply(&mut lights, &spots, (self.palette, self.cache), threads, progress)?;
-            for (&place, light) in places.iter().zip(&lights) {
+            for ((&place, light), spot) in places.iter().zip(&lights).zip(&spots) {
                 let sum: &mut Light = &mut self.sums[place];
+                if self.hides {
+                    let paint = &self.palette.paints[spot.material as usize];
+                    match (paint.base.is_some(), self.has_image[place]) {
+                        (false, true) => continue,
+                        (true, false) => (*sum, self.has_image[place]) = ([0.0; 4], true),
+                        _ => {}
+                    }
+                }
                 *sum = std::array::from_fn(|i| sum[i] + light[i]);
             }
             progress.add(faces.triangles.len() as u64);

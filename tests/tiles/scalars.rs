@@ -279,6 +279,18 @@ fn texture_coordinates_of_vertices_are_named_as_lost() {
         said.contains("properties of vertices (s, t), 2 of them: not carried by tiles"),
         "{said}"
     );
+    // With an image all that the mesh has of colour is lost.
+    std::fs::write(
+        folder.path().join("image.ply"),
+        ply.replace("1.0\n", "1.0\ncomment TextureFile t.png\n"),
+    )
+    .unwrap();
+    image::RgbImage::new(4, 4).save(folder.path().join("t.png")).unwrap();
+    let said = expect(folder.path(), "tiles image.ply out --force", 3);
+    assert!(
+        said.contains("lost: images: not carried: faces have no texture coordinates"),
+        "{said}"
+    );
 }
 
 #[test]

@@ -249,3 +249,41 @@ fn the_most_temporary_bytes_are_at_least_those_that_are_seen() {
     assert!((all..2 * all).contains(&said), "{said} said, {all} seen, {nameless} without a name");
     assert!((said..4 * said).contains(&planned), "{said} said, {planned} planned");
 }
+
+/// Three triangles apart: one with an image under colours that it hides, one with colours alone, one with a material's alone.
+#[test]
+fn images_hide_colours_and_bare_vertices_have_those_of_their_material() {
+    let folder = &scratch();
+    image::RgbImage::from_pixel(4, 4, image::Rgb([20, 200, 40]))
+        .save(folder.join("t.png"))
+        .unwrap();
+    let library =
+        "newmtl image\nKd 1 1 1\nmap_Kd t.png\nnewmtl plain\nKd 1 1 1\nnewmtl kd\nKd 0.8 0.3 0.1\n";
+    std::fs::write(folder.join("in.mtl"), library).unwrap();
+    let text = "mtllib in.mtl\nvt 0.5 0.5\nv 0 0 0 0.8 0.1 0.1\nv 1 0 0 0.8 0.1 0.1\nv 0 1 0 0.8 0.1 0.1\n\
+        v 3 0 0 0 0 1\nv 4 0 0 0 0 1\nv 3 1 0 0 0 1\nv 6 0 0\nv 7 0 0\nv 6 1 0\n\
+        usemtl image\nf 1/1 2/1 3/1\nusemtl plain\nf 4 5 6\nusemtl kd\nf 7 8 9\n";
+    std::fs::write(folder.join("in.obj"), text).unwrap();
+    let expected = [[20, 200, 40], [0, 0, 255], [204, 77, 26]];
+    expect(folder, "tiles in.obj out --texture colors", 0);
+    expect(folder, "extract out all.ply --max-error 0 --format ascii", 0);
+    let text = std::fs::read_to_string(folder.join("all.ply")).unwrap();
+    let header: Vec<&str> = text.lines().take_while(|line| *line != "end_header").collect();
+    let names: Vec<&str> = header
+        .iter()
+        .filter_map(|line| line.strip_prefix("property ")?.split(' ').nth(1))
+        .collect();
+    let red = names.iter().position(|name| *name == "red").unwrap();
+    for line in text.lines().skip(header.len() + 1).take(9) {
+        let row: Vec<f64> = line.split(' ').map(|word| word.parse().unwrap()).collect();
+        let wanted: [i32; 3] = expected[(row[0] / 3.0 + 0.1) as usize];
+        assert!((0..3).all(|k| (row[red + k] as i32 - wanted[k]).abs() <= 1), "{line}");
+    }
+    // The same in a new texture.
+    expect(folder, "simplify in.obj out.ply --ratio 100% --texture bake -q", 0);
+    let page = image::open(folder.join("out_textures/out_0.png")).unwrap().into_rgb8();
+    for colour in expected {
+        let is = |p: &image::Rgb<u8>| (0..3).all(|k| (i32::from(p.0[k]) - colour[k]).abs() <= 1);
+        assert!(page.pixels().any(is), "{colour:?}");
+    }
+}

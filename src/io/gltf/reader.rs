@@ -17,7 +17,7 @@ use super::scene::NodePlacement;
 use super::totals;
 use super::vertex_row::VertexRow;
 use crate::hard_edges;
-use crate::materials::{BARE_FACES, BARE_REASON, Materials};
+use crate::materials::{BARE_FACES, BARE_REASON, BARE_VERTICES, Materials};
 use crate::names::{Name, NameList};
 use crate::open_options::{HardEdges, StageOptions};
 use crate::ply::Faults;
@@ -125,7 +125,7 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
         materials.lose(loss.count(n_clamped));
     }
     if has_colours && n_white > 0 {
-        let loss = Loss::new(LossKind::Colors, "vertices without colour", "others have one: white");
+        let loss = Loss::new(LossKind::Colors, BARE_VERTICES, "others have one: white");
         materials.lose(loss.count(n_white));
     }
     let is_bare = |piece: &&Piece| {

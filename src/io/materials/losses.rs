@@ -10,6 +10,9 @@ const COLOUR: &str = "colour";
 /// The light that a material emits besides its images.
 pub const EMITTED: &str = "emitted light";
 
+/// Vertices without a colour where others have one.
+pub const BARE_VERTICES: &str = "vertices without colour";
+
 /// Faces without coordinates whose material has an image.
 pub const BARE_FACES: &str = "faces without texture coordinates";
 /// The fate of `BARE_FACES`.

@@ -16,7 +16,7 @@ pub(crate) use description::CLAMP_TO_EDGE;
 pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 pub use description::{CLAMPED, NUMBER};
 pub use images::{copy_bytes, image_size, look as look_at_image};
-pub use losses::{BARE_FACES, BARE_REASON, EMITTED, besides_pages};
+pub use losses::{BARE_FACES, BARE_REASON, BARE_VERTICES, EMITTED, besides_pages};
 pub use mtl::{after_word, names_in_library, read_library, settle_images};
 pub use plan::{Reference, all_missing, stem};
 pub use plan::{TextureMode, TexturePlan, TextureRequest};

@@ -8,7 +8,7 @@ use super::rows::{face, has_texture, is_cut, vertex, wide};
 use super::texture::TexturedFaces;
 use crate::encodings;
 use crate::extent::Extent;
-use crate::materials::{BARE_FACES, BARE_REASON, Image, after_word};
+use crate::materials::{BARE_FACES, BARE_REASON, BARE_VERTICES, Image, after_word};
 use crate::names::{Name, NameList, OBJECT};
 use crate::open_options::StageOptions;
 use crate::ply::header::BYTE_ORDER_MARK;
@@ -340,11 +340,7 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
     let of_vertices = "colours of vertices";
     for (n, what, why) in [
         (n_clamped, of_vertices, format!("outside of 0 to {white}: clamped")),
-        (
-            if coloured { n_white } else { 0 },
-            "vertices without colour",
-            "others have one: white".to_owned(),
-        ),
+        (if coloured { n_white } else { 0 }, BARE_VERTICES, "others have one: white".to_owned()),
         (
             if has_weights { 0 } else { summary.n_opacities },
             "opacity behind the colour of vertices",

@@ -4,6 +4,7 @@
 use super::source::MeshSource;
 use super::textures::is_of_materials;
 use super::writer::OutputHeader;
+use crate::materials::BARE_VERTICES;
 use crate::names::{Name, NameTable, NameUse, OBJECT, is_name};
 use stonecut_mesh::record::VertexSchema;
 use stonecut_system::losses::{Ledger, Loss, LossKind};
@@ -48,6 +49,11 @@ impl MeshSource {
             (object, group) => format!("{object} / {group}"),
         };
         names.into_iter().map(shown).collect()
+    }
+
+    /// True if some vertices, white since then, had no colour where others have one.
+    pub fn has_bare_vertices(&self) -> bool {
+        self.staged.losses.entries().iter().any(|loss| loss.what == BARE_VERTICES)
     }
 
     /// Parts of the file that the mesh does not have.

@@ -456,6 +456,10 @@ fn losses_of(
         losses.lose(Loss::new(LossKind::Images, "texture coordinates and images", instead));
     } else if is_coloured {
         losses.lose(Loss::new(LossKind::Materials, "materials", INSTEAD));
+    } else if source.materials().is_some_and(|all| !all.images.is_empty()) {
+        let why = "not carried: faces have no texture coordinates";
+        let loss = Loss::new(LossKind::Images, "images", why).whole();
+        losses.lose(loss.remedy("where vertices have them, convert the mesh to OBJ first"));
     }
     if let Some(coloured) = coloured {
         losses.merge(&coloured.losses);
