@@ -26,14 +26,12 @@ pub(super) struct Curves {
 
 impl Curves {
     /// Finds the curves. `place`: for each vertex the first one in the same place; `may_be_on`: vertices that may be on one, of each edge
-    /// one end at least.
+    /// one end at least; `is_inner`: those that are on none.
     pub(super) fn find(
         surface: &Surface,
         place: impl Fn(u32) -> u32,
-        may_be_on: impl Fn(u32) -> bool,
+        (may_be_on, is_inner): (impl Fn(u32) -> bool, impl Fn(u32) -> bool),
     ) -> Self {
-        let is_inner =
-            |v: u32| surface.rings[v as usize].class == Some(Class::Interior) && place(v) == v;
         let mut sides: Vec<Side> = Vec::new();
         for t in surface.triangles.iter().filter(|t| t[0] != GONE) {
             for (a, b, c) in [(t[0], t[1], t[2]), (t[1], t[2], t[0]), (t[2], t[0], t[1])] {

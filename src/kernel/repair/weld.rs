@@ -29,7 +29,7 @@ pub(crate) fn coincident(
 ) -> u64 {
     let surface = &mut state.surface;
     let mends = topology == Topology::Error && !confined.contains(&true);
-    let Candidates { mut join, locked } = candidates(surface);
+    let Candidates { mut join, locked } = candidates(surface, mends);
     surface.has_locked_copies = !locked.is_empty() && !mends;
     if join.is_empty() || mends && !locked.is_empty() {
         return 0;
@@ -37,7 +37,8 @@ pub(crate) fn coincident(
     let mut joined: Vec<u32> = (0..surface.vertices.len() as u32).collect();
     join.iter().chain(&locked).for_each(|&(v, first)| joined[v as usize] = first);
     let is_open = |v: u32| surface.rings[v as usize].class != Some(Class::Locked);
-    let curves = Curves::find(surface, |v| joined[v as usize], is_open);
+    let is_off = |v: u32| is_inner(surface, v) && joined[v as usize] == v;
+    let curves = Curves::find(surface, |v| joined[v as usize], (is_open, is_off));
     locked.iter().for_each(|&(v, _)| joined[v as usize] = v);
     join.retain(|&(v, into)| {
         let joins = !mends && !is_inner(surface, v) || curves.has(into);
@@ -105,7 +106,9 @@ fn is_inner(surface: &Surface, v: u32) -> bool {
 }
 
 /// Finds vertices with open edges in one place, and those within sheets there. Where one of them is locked, they all become so.
-fn candidates(surface: &mut Surface) -> Candidates {
+///
+/// Those within sheets are not locked where nothing locked is joined (`mends`).
+fn candidates(surface: &mut Surface, mends: bool) -> Candidates {
     // Where several fans of one chart meet in a vertex, the gaps may be what other charts fill.
     let may_join = |v: &u32| {
         let ring = &surface.rings[*v as usize];
@@ -125,10 +128,13 @@ fn candidates(surface: &mut Surface) -> Candidates {
     found.sort_unstable();
     let (mut join, mut locked) = (Vec::new(), Vec::new());
     for group in found.chunk_by(|a, b| a.0 == b.0).filter(|group| group.len() > 1) {
+        // Those with open edges come first.
+        let n_open = group.iter().filter(|entry| !entry.1).count();
         let class = |v: u32| surface.rings[v as usize].class;
         let first = group[0].3;
         if group.iter().any(|&(.., v)| class(v) == Some(Class::Locked)) {
-            for &(.., v) in group {
+            let group = if mends { &group[..n_open] } else { group };
+            for &(.., v) in group.iter().filter(|_| group.len() > 1) {
                 surface.rings[v as usize].class = Some(Class::Locked);
                 locked.push((v, first));
             }

@@ -71,7 +71,8 @@ impl Places {
             same.iter().for_each(|&(_, v)| place[v as usize] = same[0].1);
         }
         let is_affected = |v: u32| self.is_affected[v as usize];
-        let curves = Curves::find(surface, |v| place[v as usize], is_affected);
+        let is_inner = |v: u32| surface.rings[v as usize].class == Some(Class::Interior);
+        let curves = Curves::find(surface, |v| place[v as usize], (is_affected, is_inner));
         // Copies that were not joined are paired as ever.
         let mut is_alone = vec![true; place.len()];
         for (v, &first) in self.place.iter().enumerate().filter(|&(v, &first)| first != v as u32) {
