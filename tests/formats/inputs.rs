@@ -16,6 +16,15 @@ pub(crate) fn assert_closed(found: &Value, n_triangles: u64, words: &str) {
     assert_eq!((count("triangles"), count("unreferenced_vertices")), (n_triangles, 0), "{words}");
 }
 
+/// Joins a folder in which a tile is there under another name, too, to the same closed piece.
+pub(crate) fn assert_a_copy_is_taken_once(at: &Path, format: &str, n_triangles: u64, words: &str) {
+    let ending = format!("tiles/tile_003.{format}");
+    std::fs::copy(at.join(&ending), at.join(format!("tiles/copy.{format}"))).unwrap();
+    let said = expect(at, "convert tiles joined.ply --force", 0);
+    assert!(said.contains("is the same mesh as"), "{said}");
+    assert_closed(&info(at, "joined.ply --check"), n_triangles, words);
+}
+
 #[test]
 fn tiles_of_any_format_and_rounding_become_one_closed_mesh() {
     let at = &scratch();
@@ -32,12 +41,7 @@ fn tiles_of_any_format_and_rounding_become_one_closed_mesh() {
         assert_closed(&found, n_triangles, &words);
         assert_eq!(found["inputs"].as_array().unwrap().len(), 8);
         assert!(found["joined"].as_u64().unwrap() > 100, "{found}");
-        // A tile that is there under another name, too.
-        let ending = format!("tiles/tile_003.{format}");
-        std::fs::copy(at.join(&ending), at.join(format!("tiles/copy.{format}"))).unwrap();
-        let said = expect(at, "convert tiles joined.ply --force", 0);
-        assert!(said.contains("is the same mesh as"), "{said}");
-        assert_closed(&info(at, "joined.ply --check"), n_triangles, &words);
+        assert_a_copy_is_taken_once(at, format, n_triangles, &words);
         std::fs::remove_dir_all(at.join("tiles")).unwrap();
     }
 }
