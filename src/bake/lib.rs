@@ -205,7 +205,11 @@ pub fn bake(
     let coding = options.coding;
     let colours_in =
         |kinds: &[MapKind]| PageKind::of_colours(coding, palette.is_photographic(kinds));
-    let look = palette.finish(seen.has_alpha, !seen.blends.is_empty());
+    let mut look = palette.finish(seen.has_alpha, !seen.blends.is_empty());
+    if has_emission && !seen.has_colour && !seen.has_alpha {
+        // A page of black would hide that nothing but the light is seen.
+        (canvases.colours, look.base) = (None, [0.0, 0.0, 0.0, 1.0]);
+    }
     // Of PLY, materials are images.
     let all_blend = look.base[3] < 1.0 || !options.beside.surface;
     let blends = if all_blend { &[] } else { &seen.blends[..] };
@@ -251,7 +255,7 @@ pub fn bake(
     let kinds: Vec<_> = sheets.iter().map(kind_of).collect();
     let (surface, _) = finish(canvases.surface, None, &kinds)?;
     let light = [(colours_in(&[MapKind::Emissive]), Sheet::Emission.suffix())];
-    let (emission, _) = finish(canvases.emission, None, &light)?;
+    let (emission, of_light) = finish(canvases.emission, None, &light)?;
     let maps =
         sheets.iter().copied().zip(surface).chain([Sheet::Emission].into_iter().zip(emission));
     let maps = maps.filter(|(_, pages)| !pages.is_empty());
@@ -262,7 +266,7 @@ pub fn bake(
         pages: charts.pages.len() as u64,
         page_size: options.page_size,
         texels: charts.n_texels(),
-        covered_texels: of_colours.max(of_normals),
+        covered_texels: of_colours.max(of_normals).max(of_light),
         texel_density: charts.texels_per_unit,
         original_texel_density: density.of_images,
         bytes: bytes_of(&pages),

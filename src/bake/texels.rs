@@ -45,11 +45,16 @@ const SQUARE_POINTS: u32 = 8;
 /// A place that faces the result may be farther than the nearest one by this share of the triangle's longest edge.
 const GRACE: f64 = 0.25;
 
+/// Linear light of a black colour at most.
+const BLACK: f32 = 0.004;
+
 /// Findings on the way.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Seen {
     /// True if any texel lets light through.
     pub has_alpha: bool,
+    /// True if any point has a colour that is not black.
+    pub has_colour: bool,
     /// For each triangle whether it lets a share of the light through; empty if none does.
     pub blends: Vec<bool>,
     /// Sum of the angles between normal maps and the result, over all texels, in millionths of a degree.
@@ -326,6 +331,7 @@ impl Work {
         plain_lights(scene, (hits, starts), lights);
         let looks = (scene.palette, scene.images);
         multiply(lights, spots, looks, scene.threads, scene.progress)?;
+        seen.has_colour |= lights.iter().any(|light| light[..3].iter().any(|x| *x > BLACK));
         if filled.put(lights, canvas, pixel_of)? {
             seen.has_alpha = true;
             filled.mark((lights, spots), &mut seen.blends);

@@ -58,7 +58,8 @@ pub fn colours_vertices(source: &MeshSource) -> bool {
 
 /// True if materials differ in colour, or if the colour of all of them is not a grey.
 fn is_tinted(materials: &Materials) -> bool {
-    let mut colours = materials.list.iter().map(|material| material.base);
+    let shown = materials.shown();
+    let mut colours = shown.list.iter().map(|material| material.base);
     let Some([r, g, b, _]) = colours.next() else { return false };
     r != g || g != b || colours.any(|other| other[..3] != [r, g, b])
 }

@@ -7,7 +7,8 @@ use super::scene::{OnDisk, find};
 use super::skin::Skins;
 use super::view::{Aim, Coloring, Resources, View, per_pixel};
 use crate::texture::{ImageCache, Palette, Purpose};
-use stonecut_io::materials::{Alpha, MapKind, Material, Materials};
+use std::sync::Arc;
+use stonecut_io::materials::{Alpha, EMITTED, MapKind, Material, Materials};
 use stonecut_io::ply::MeshSource;
 use stonecut_mesh::vec3::{add, cross, scale, unit};
 use stonecut_system::error::Result;
@@ -27,19 +28,13 @@ pub struct Shot {
 
 /// True if materials of a file have images of their colour, whether or not these can be read.
 pub fn has_images(source: &MeshSource) -> bool {
-    let has_image = |kind: MapKind| kind == MapKind::Base;
-    source.has_corner_texture()
-        && source.materials().is_some_and(|all| {
-            all.list.iter().flat_map(|material| &material.maps).any(|map| has_image(map.kind))
-        })
+    let has_image = |all: &Arc<Materials>| all.shown().has_image(|kind| kind == MapKind::Base);
+    source.has_corner_texture() && source.materials().is_some_and(has_image)
 }
 
 /// True if a material of a file has a normal map, whether or not it can be read.
 fn has_normal_maps(source: &MeshSource) -> bool {
-    let has_map = |kind: MapKind| kind == MapKind::Normal;
-    source.materials().is_some_and(|all| {
-        all.list.iter().flat_map(|material| &material.maps).any(|map| has_map(map.kind))
-    })
+    source.materials().is_some_and(|all| all.has_image(|kind| kind == MapKind::Normal))
 }
 
 /// True if a file has colours: of materials, or of vertices.
@@ -178,8 +173,8 @@ pub fn shots(
 fn not_drawn(source: &MeshSource, is_textured: bool) -> Ledger {
     let mut losses = Ledger::default();
     let Some(materials) = source.materials() else { return losses };
-    let has_image = materials.list.iter().any(|material| material.map(MapKind::Base).is_some());
-    if has_image && !source.has_corner_texture() {
+    let materials = materials.shown();
+    if materials.has_image(|kind| kind == MapKind::Base) && !source.has_corner_texture() {
         let loss =
             Loss::new(LossKind::Images, "images", "not drawn: faces have no texture coordinates");
         losses.lose(loss.whole().remedy("where vertices have them, convert the mesh to OBJ first"));
@@ -194,6 +189,11 @@ fn not_drawn(source: &MeshSource, is_textured: bool) -> Ledger {
             || material.map(MapKind::Opacity).is_some();
         is_clear && !is_mask
     };
+    let emits = |material: &&Material| material.light() != [0.0; 3];
+    let lights = materials.list.iter().filter(emits).map(|m| format!("material '{}'", m.name));
+    for example in lights {
+        losses.lose(Loss::new(LossKind::Materials, EMITTED, "not drawn").example(example));
+    }
     match materials.list.iter().filter(lets_light_through).count() {
         0 => {}
         n => {

@@ -63,6 +63,45 @@ fn colours_that_pages_do_not_hold_are_named() {
     assert!(!said.contains("not baked"), "{said}");
 }
 
+/// Formats without a place for emitted light, and pictures, show it as the colour of what is black.
+#[test]
+fn light_is_the_colour_of_what_is_black() {
+    let folder = &scratch();
+    image(folder);
+    let made = |library: &str| {
+        sheet(folder, |x, y| format!("{x} {y}"), library);
+        expect(folder, "render sheet.obj -o p.png --unlit --size 90x60 --force", 0);
+        expect(folder, "convert sheet.obj out.ply --force", 0);
+        expect(folder, "simplify sheet.obj bake.ply --ratio 20% --texture bake --force", 0);
+        ["p.png", "out.ply", "bake.ply", "bake_textures/bake_0.png"]
+            .map(|name| std::fs::read(folder.join(name)).unwrap())
+    };
+    let wanted = made("newmtl only\nmap_Kd image.png\n");
+    assert!(made("newmtl only\nKd 0 0 0\nKe 1 1 1\nmap_Ke image.png\n") == wanted);
+    // A new texture is seen as its input, by its light alone; lamps change nothing.
+    expect(folder, "simplify sheet.obj light.obj --ratio 20% --texture bake", 0);
+    let picture = |mesh: &str, options: &str| {
+        let command = format!("render {mesh} -o lit.png --size 90x60 --force {options}");
+        expect(folder, &command, 0);
+        image::open(folder.join("lit.png")).unwrap().to_rgb8()
+    };
+    let middle = |options: &str| picture("sheet.obj", options).get_pixel(45, 30).0;
+    assert_eq!(middle(""), middle("--unlit"));
+    // Side by side, two pixels apart.
+    let both = picture("sheet.obj light.obj", "--unlit");
+    let off = |x: u32, y: u32| {
+        let pair = both.get_pixel(x, y).0.into_iter().zip(both.get_pixel(x + 92, y).0);
+        pair.map(|(a, b)| u64::from(a.abs_diff(b))).sum::<u64>()
+    };
+    let off: u64 = (0..90).flat_map(|x| (0..60).map(move |y| (x, y))).map(|(x, y)| off(x, y)).sum();
+    assert!(off < 16 * 90 * 60, "{off}");
+    let said = expect(folder, "convert sheet.obj out.ply --force", 0);
+    assert!(
+        said.contains("emitted light of material 'only': taken for the colour, which is black"),
+        "{said}"
+    );
+}
+
 #[test]
 fn pictures_name_the_looks_that_they_lack() {
     let folder = &scratch();

@@ -90,6 +90,43 @@ fn every_tile_shows_the_images_at_their_places() {
     }
 }
 
+/// A scan without lamps: black, with its images in the emitted light.
+#[test]
+fn light_is_the_colour_of_what_is_black() {
+    let path = &scratch();
+    painted(path, 60);
+    let pages = |name: &str, mesh: &str| {
+        expect(path, &format!("tiles {mesh} {name} --tile-triangles 900"), 0);
+        tiles(&path.join(name), 0).iter().map(|tile| page(tile)).collect::<Vec<_>>()
+    };
+    expect(path, "convert in.obj in.glb", 0);
+    let wanted = [pages("colour", "in.obj"), pages("glb_colour", "in.glb")];
+    let library = std::fs::read_to_string(path.join("in.mtl")).unwrap();
+    let dark = library.replace("map_Kd", "Kd 0 0 0\nKe 1 1 1\nmap_Ke");
+    std::fs::write(path.join("in.mtl"), dark).unwrap();
+    expect(path, "convert in.obj in.glb --force", 0);
+    assert!([pages("light", "in.obj"), pages("glb", "in.glb")] == wanted);
+    assert_eq!(
+        document(&tiles(&path.join("glb"), 0)[0])["extensionsUsed"]
+            .to_string()
+            .matches("unlit")
+            .count(),
+        1
+    );
+    expect(path, "tiles in.glb vertices --texture colors --tile-triangles 900", 0);
+    expect(path, "extract vertices all.ply --max-error 0", 0);
+    assert_eq!(check_colours(&path.join("all.ply"), (0.02, 6.0)), 61 * 61);
+    // Of a surface that is not black the light is lost, and so are all images.
+    std::fs::write(path.join("in.mtl"), library.replace("map_Kd", "Kd 0.5 0.5 0.5\nmap_Ke"))
+        .unwrap();
+    let said = expect(path, "tiles in.obj grey --tile-triangles 900", 3);
+    assert!(
+        said.contains("lost: image of emitted light of material 'ramp': not carried by tiles"),
+        "{said}"
+    );
+    assert!(!said.contains("images: not carried: vertices"), "{said}");
+}
+
 #[test]
 fn cuts_through_tiles_with_pages_are_one_mesh() {
     cuts_are_one_mesh("", 4);

@@ -6,7 +6,9 @@
 mod companions;
 mod description;
 mod images;
+mod light;
 mod losses;
+mod mode;
 mod mtl;
 mod mtl_text;
 mod plan;
@@ -17,7 +19,8 @@ pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials
 pub use description::{CLAMPED, NUMBER};
 pub use images::{copy_bytes, image_size, look as look_at_image};
 pub use losses::{BARE_FACES, BARE_REASON, BARE_VERTICES, EMITTED, besides_pages};
+pub use mode::TextureMode;
 pub use mtl::{after_word, names_in_library, read_library, settle_images};
 pub use plan::{Reference, all_missing, stem};
-pub use plan::{TextureMode, TexturePlan, TextureRequest};
+pub use plan::{TexturePlan, TextureRequest};
 pub use search::{Search, folded, library_beside, plain, relative};

@@ -5,6 +5,8 @@
 
 use super::description::{Image, ImageData, MapKind, Materials};
 use super::images::{ImageFacts, is_same, look};
+use super::light::shown_in;
+use super::mode::TextureMode;
 use super::search::relative;
 use super::{losses, mtl_text};
 use crate::output_format::OutputKind;
@@ -16,53 +18,6 @@ use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Ledger, Loss, LossKind};
 use stonecut_system::paths::real;
 use stonecut_system::pending_file::{Seen, refuse_irregular, refuse_linked};
-
-/// Treatment of images, as `--textures` says.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TextureMode {
-    /// Beside the output, unless they lie in its folder or below already.
-    Copy,
-    /// Named in their places.
-    Link,
-    /// In the output; GLB only.
-    Embed,
-    /// Nowhere; coordinates and materials stay.
-    None,
-    /// New ones in a GLB, as KTX2 of UASTC.
-    Ktx2,
-    /// The same of ETC1S.
-    Etc1s,
-}
-
-impl TextureMode {
-    /// True if new images become KTX2.
-    pub fn is_ktx2(self) -> bool {
-        matches!(self, TextureMode::Ktx2 | TextureMode::Etc1s)
-    }
-
-    /// The word of the option.
-    pub fn name(self) -> &'static str {
-        match self {
-            TextureMode::Copy => "copy",
-            TextureMode::Link => "link",
-            TextureMode::Embed => "embed",
-            TextureMode::None => "none",
-            TextureMode::Ktx2 => "ktx2",
-            TextureMode::Etc1s => "etc1s",
-        }
-    }
-}
-
-impl std::str::FromStr for TextureMode {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        use TextureMode::{Copy, Embed, Etc1s, Ktx2, Link};
-        let all = [Copy, Link, Embed, TextureMode::None, Ktx2, Etc1s];
-        let found = all.into_iter().find(|mode| mode.name() == text);
-        found.ok_or_else(|| format!("'{text}' is none of copy, link, embed, none, ktx2, etc1s"))
-    }
-}
 
 /// An output that materials are planned for.
 #[derive(Clone, Copy, Debug)]
@@ -98,7 +53,7 @@ pub(super) struct Copied {
 /// Materials as an output has them; `losses` lists what is missing or lost.
 #[derive(Clone, Debug)]
 pub struct TexturePlan {
-    /// As the input has them.
+    /// As the input has them; for PLY with light as the colour of what has no other.
     pub materials: Arc<Materials>,
     /// One for each image.
     pub references: Vec<Reference>,
@@ -122,12 +77,14 @@ impl TexturePlan {
     /// Errors: a mode that the kind of output cannot have; files beside the output that may not be replaced.
     pub fn new(materials: Arc<Materials>, request: &TextureRequest) -> Result<TexturePlan> {
         let mode = decided(request)?;
+        let mut losses = Ledger::default();
+        let materials = shown_in(request.kind, materials, &mut losses);
         let mut plan = TexturePlan {
             references: vec![Reference::None; materials.images.len()],
             copies: Vec::new(),
             library: None,
             library_seen: None,
-            losses: Ledger::default(),
+            losses,
             n_missing: 0,
             bytes: 0,
             force: request.force,

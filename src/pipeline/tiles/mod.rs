@@ -7,6 +7,7 @@
 //! docs/design/tiles.md.
 
 mod config;
+mod losses;
 mod pending;
 mod plan;
 pub mod report;
@@ -25,27 +26,26 @@ use super::sealed_stages::SealedStages;
 use super::steps::faults;
 use crate::bake::{Coloured, Means, colour_vertices};
 use crate::error::{Error, Result};
-use crate::io::materials::all_missing;
 use crate::io::ply::MeshSource;
 use crate::io::tileset::{FILE_NAME, OWN_PAGES, TileTree, TreeFiles, write_tilesets};
-use crate::io::{NUMBER, TileScalar, find3, lost_comments};
+use crate::io::{TileScalar, find3};
 use crate::kernel;
 use crate::mesh::codec::ChannelKind;
 use crate::mesh::record::VertexSchema;
 use crate::stages::partition::{Partition, partition_into_groups};
 use crate::stages::tiles;
-use crate::store::cells::{Dropped, GroupGrid, GroupRecord, Lattice};
+use crate::store::cells::{Dropped, GroupGrid, Lattice};
 use crate::store::job::fingerprint::unchanged;
 use crate::store::job::{Identity, Job, OVER};
 use crate::store::stage_context::StageContext;
 use crate::system::disk::Disk;
 use crate::system::json_keys::SCHEMA_VERSION;
-use crate::system::losses::{Ledger, Loss, LossKind};
 use crate::system::memory::peak_bytes;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
+use losses::all_losses;
 use plan::{Hidden, gets_colours, layout};
-use report::{FolderReport, PagesReport, TilesReport, level_reports};
+use report::{FolderReport, TilesReport, level_reports};
 use rounds::Stages;
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -393,91 +393,6 @@ fn kernel_options(schema: &VertexSchema) -> kernel::Options {
         confined: kinds.iter().map(is_confined).collect(),
         ..kernel::Options::default()
     }
-}
-
-/// Properties of vertices that tiles do not carry, and values that they do not hold as they were.
-fn scalar_losses(lost: &[String], leaves: Option<&Vec<GroupRecord>>) -> Ledger {
-    let mut losses = Ledger::default();
-    if !lost.is_empty() {
-        let what = format!("properties of vertices ({})", lost.join(", "));
-        let loss = Loss::new(LossKind::Attributes, what, "not carried by tiles");
-        losses.lose(loss.count(lost.len() as u64));
-    }
-    let tiles = leaves.into_iter().flatten().flat_map(|record| &record.tiles);
-    let inexact: u64 = tiles.map(|tile| tile.inexact).sum();
-    if inexact > 0 {
-        let why = "not exact in tiles: 0 stands for what is not a number, the largest float for what is beyond it; tiny doubles \
-                   and integers beyond 2^53 are rounded";
-        let loss = Loss::new(LossKind::Precision, "values of properties of vertices", why);
-        losses.lose(loss.count(inexact));
-    }
-    losses
-}
-
-/// All that the tree does not hold of its input, and remarks on it.
-fn all_losses(
-    source: &MeshSource,
-    (coloured, of_world): (Option<Coloured>, Vec<Loss>),
-    (lost, leaves): (&[String], Option<&Vec<GroupRecord>>),
-    pages: Option<&PagesReport>,
-) -> Result<Ledger> {
-    let mut losses = source.losses();
-    of_world.into_iter().for_each(|loss| losses.lose(loss));
-    losses.merge(&losses_of(source, coloured, pages));
-    losses.merge(&scalar_losses(lost, leaves));
-    source.remarks()?.into_iter().chain(source.clamped_colours()).for_each(|l| losses.lose(l));
-    if let Some(materials) = source.materials().filter(|materials| materials.lacks_images()) {
-        losses.lose(all_missing(materials.images.len()));
-    }
-    Ok(losses)
-}
-
-/// Said of images and materials that are not there.
-const INSTEAD: &str = "not carried: vertices have colours out of them instead";
-
-/// Parts of the input that tiles do not carry.
-fn losses_of(
-    source: &MeshSource,
-    coloured: Option<Coloured>,
-    pages: Option<&PagesReport>,
-) -> Ledger {
-    let mut losses = Ledger::default();
-    let comments = source.plain_comments();
-    let lost = lost_comments(&comments, source.obj_infos(), "not carried by tiles");
-    lost.into_iter().for_each(|loss| losses.lose(loss));
-    let is_coloured = coloured.is_some();
-    if let Some(pages) = pages {
-        losses.merge(&pages.losses);
-    } else if source.require_no_texture().is_err() {
-        let instead = match is_coloured {
-            true => INSTEAD,
-            false => "not carried: tiles have vertex colours only",
-        };
-        losses.lose(Loss::new(LossKind::Images, "texture coordinates and images", instead));
-    } else if is_coloured {
-        losses.lose(Loss::new(LossKind::Materials, "materials", INSTEAD));
-    } else if source.materials().is_some_and(|all| !all.images.is_empty()) {
-        let why = "not carried: faces have no texture coordinates";
-        let loss = Loss::new(LossKind::Images, "images", why).whole();
-        losses.lose(loss.remedy("where vertices have them, convert the mesh to OBJ first"));
-    }
-    if let Some(coloured) = coloured {
-        losses.merge(&coloured.losses);
-    }
-    let others = source.face_properties().into_iter().map(|p| p.name);
-    let (numbers, faces): (Vec<String>, Vec<String>) = others.partition(|name| name == NUMBER);
-    // The number of the material goes with the images.
-    if !numbers.is_empty() && !is_coloured && pages.is_none() {
-        let loss =
-            Loss::new(LossKind::Materials, "materials and their colours", "not carried by tiles");
-        losses.lose(loss);
-    }
-    if !faces.is_empty() {
-        let what = format!("properties of faces ({})", faces.join(", "));
-        let loss = Loss::new(LossKind::Attributes, what, "not carried by tiles");
-        losses.lose(loss.count(faces.len() as u64).whole());
-    }
-    losses
 }
 
 /// The transform of the tree: from its middle to the frame of the mesh, from there to the world.

@@ -5,6 +5,7 @@
 use super::map_use::MapUse;
 use super::purpose::{BESIDE, Meaning, Purpose, SEEN, SURFACE, meaning};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use stonecut_io::materials::{
     Alpha, EMITTED, ImageData, Map, MapKind, Material, Materials, all_missing, besides_pages,
@@ -132,7 +133,11 @@ impl Palette {
     /// Looks at all materials and images.
     pub fn new(materials: Option<&Materials>, purpose: Purpose) -> Palette {
         let none = Materials::default();
-        let materials = materials.unwrap_or(&none);
+        let given = materials.unwrap_or(&none);
+        // Where light has no place, it is the colour of what has no other.
+        let shows_light = purpose.uses(MapKind::Base) && !purpose.uses(MapKind::Emissive);
+        let shown = if shows_light { given.shown() } else { Cow::Borrowed(given) };
+        let materials = &*shown;
         let mut palette = Palette {
             paints: Vec::new(),
             images: Vec::new(),
@@ -157,7 +162,8 @@ impl Palette {
             let full = |is_so: bool| if is_so { 1.0 } else { 0.0 };
             // As the writer of glTF has it.
             let is_metal = has(&[MapKind::MetallicRoughness, MapKind::Metallic]);
-            let [r, g, b] = material.emissive.unwrap_or([full(has(&[MapKind::Emissive])); 3]);
+            let has_light = material.emissive.is_some() || has(&[MapKind::Emissive]);
+            let [r, g, b] = if has_light { material.light() } else { [0.0; 3] };
             let [r, g, b, _] = linear([r, g, b, 1.0]);
             let share = |x: f32| if x.is_finite() { x.clamp(0.0, 1.0) } else { 1.0 };
             Paint {
@@ -183,6 +189,8 @@ impl Palette {
         }
         palette.paints = paints;
         if bakes {
+            let light = given.light_as_colour().filter(|_| shows_light);
+            light.into_iter().for_each(|loss| palette.losses.lose(loss));
             palette.enter_losses();
         }
         palette
