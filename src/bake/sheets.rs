@@ -27,6 +27,12 @@ impl Places<'_> {
         out.extend(self.spots.iter().map(|spot| paint(spot).map_or(none, &plain)));
     }
 
+    /// Strength of the image of a kind at a place.
+    fn strength(&self, place: usize, kind: MapKind) -> f32 {
+        let paint = self.palette.paints.get(self.spots[place].material as usize);
+        paint.and_then(|paint| paint.map(kind)).map_or(1.0, |map| map.strength)
+    }
+
     fn look_up(&self, kind: MapKind, put: impl FnMut(usize, Light)) -> Result<()> {
         let looks = (self.palette, self.images);
         look_up((kind, self.spots), looks, self.threads, self.progress, put)
@@ -49,7 +55,12 @@ impl Places<'_> {
     pub fn surface(&self, out: &mut Vec<Light>) -> Result<()> {
         let plain = |paint: &Paint| [1.0, paint.surface[0], paint.surface[1], 1.0];
         self.begin(out, plain, [1.0, 1.0, 0.0, 1.0]);
-        self.look_up(MapKind::Occlusion, |i, light| out[i][0] *= light[0])?;
+        self.look_up(MapKind::Occlusion, |i, [shade, ..]| {
+            out[i][0] *= match self.strength(i, MapKind::Occlusion) {
+                1.0 => shade,
+                strength => 1.0 + strength * (shade - 1.0),
+            }
+        })?;
         self.look_up(MapKind::MetallicRoughness, |i, light| {
             out[i][1] *= light[1];
             out[i][2] *= light[2];
@@ -62,7 +73,9 @@ impl Places<'_> {
     pub fn bend(&self, hits: &mut [Hit]) -> Result<()> {
         self.look_up(MapKind::Normal, |i, [r, g, b, _]| {
             let Hit { normal, tangent: [x, y, z, side], .. } = hits[i];
-            let direction = [r, g, b].map(|value| 2.0 * value - 1.0);
+            let slope = self.strength(i, MapKind::Normal);
+            let [u, v, up] = [r, g, b].map(|value| 2.0 * value - 1.0);
+            let direction = [slope * u, slope * v, up];
             let bent = outward(normal, [x, y, z], side, direction);
             hits[i].normal = bent.unwrap_or(normal);
         })

@@ -163,6 +163,7 @@ fn open(args: &Args) -> Result<Ready> {
         (Weld::Off, _) => HardEdges::Kept,
         _ => HardEdges::Averaged("--weld off keeps them apart"),
     };
+    stage.bare_as_material = args.format.check(&args.paths.output)? == OutputKind::Ply;
     let source = MeshSource::open_staged(&args.paths.input, &stage)?;
     source.refuse_output(&args.paths.output)?;
     hold(&source, memory_bytes)?;

@@ -37,17 +37,21 @@ impl TypedPages {
     }
 
     /// A line for each option that has no effect where `--texture auto` makes no new texture; `may_follow` if one is made
-    /// where the input's charts leave too many triangles.
-    pub(super) fn notes(&self, ktx2: Option<TextureMode>, may_follow: bool) -> Vec<String> {
-        let unless = match may_follow {
-            true => " unless the input's charts leave too many triangles",
-            false => "",
+    /// where the input's charts leave too many triangles, `obstacle` if none can be made.
+    pub(super) fn notes(
+        &self,
+        ktx2: Option<TextureMode>,
+        may_follow: bool,
+        obstacle: Option<&str>,
+    ) -> Vec<String> {
+        let why = match (may_follow, obstacle) {
+            (true, _) => {
+                " unless the input's charts leave too many triangles; --texture bake makes one"
+            }
+            (false, None) => "; --texture bake makes one",
+            (false, Some(what)) => &format!(": {what}"),
         };
-        let note = |option: String| {
-            format!(
-                "{option} has no effect: no new texture is made{unless}; --texture bake makes one"
-            )
-        };
+        let note = |option: String| format!("{option} has no effect: no new texture is made{why}");
         let ktx2 = ktx2.map(|mode| format!("--textures {}", mode.name()));
         self.all_given().map(str::to_owned).chain(ktx2).map(note).collect()
     }

@@ -430,7 +430,8 @@ impl Command for Args {
             && ready.config.texture == Texture::Keep
         {
             let ktx2 = self.textures.filter(|mode| mode.is_ktx2());
-            let notes = self.pages.notes(ktx2, ready.retry.is_some());
+            let obstacle = ready.texture_obstacle();
+            let notes = self.pages.notes(ktx2, ready.retry.is_some(), obstacle.as_deref());
             notes.into_iter().for_each(|line| session.log.say(line));
         }
         if self.dry_run {

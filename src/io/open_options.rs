@@ -132,6 +132,8 @@ pub struct StageOptions {
     pub lock: Option<Lock>,
     /// Fate of normals that differ in one place.
     pub hard_edges: HardEdges,
+    /// Vertices without a colour, where others have one, get that of their material (glTF): the output has no materials.
+    pub bare_as_material: bool,
 }
 
 impl StageOptions {
@@ -148,6 +150,7 @@ impl StageOptions {
             weld: None,
             lock: None,
             hard_edges: HardEdges::Averaged(""),
+            bare_as_material: false,
         }
     }
 

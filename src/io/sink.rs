@@ -2,7 +2,7 @@
 
 use super::by_material::names_of;
 use super::gltf::{GlbWriter, Positions};
-use super::materials::{Map, MapKind, Material, NUMBER, TexturePlan};
+use super::materials::{BARE_VERTICES, Map, MapKind, Material, NUMBER, TexturePlan};
 use super::names::{NameTable, OBJECT, is_name, lost_comments};
 use super::obj::ObjWriter;
 use super::output_format::{OutputFormat, OutputKind};
@@ -100,6 +100,10 @@ fn lost_parts(header: &OutputHeader, (kind, encoding): (OutputKind, Encoding)) -
     const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
     let mut losses = Ledger::default();
     if kind == OutputKind::Ply {
+        if header.n_bare > 0 && ColourPlace::find(&header.schema).is_some() {
+            let loss = Loss::new(LossKind::Colors, BARE_VERTICES, "others have one: white");
+            losses.lose(loss.count(header.n_bare));
+        }
         return losses;
     }
     let is_stl = kind == OutputKind::Stl;

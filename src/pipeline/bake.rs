@@ -140,7 +140,7 @@ pub(super) fn options(config: &Config) -> Result<bake::Options> {
 }
 
 /// The reason why no new texture can be made, if there is one.
-fn obstacle(source: &MeshSource, config: &Config) -> Result<Option<String>> {
+pub(super) fn obstacle(source: &MeshSource, config: &Config) -> Result<Option<String>> {
     let stream = Path::new("-");
     let kind = config.kind()?;
     let wants_ktx2 = config.textures.is_some_and(TextureMode::is_ktx2);

@@ -41,6 +41,13 @@ pub struct Prepared {
     pub(super) seams: Option<Seen>,
 }
 
+impl Prepared {
+    /// The reason why no new texture can be made, if there is one.
+    pub fn texture_obstacle(&self) -> Option<String> {
+        bake::obstacle(&self.source, &self.config).unwrap_or_default()
+    }
+}
+
 /// The settings with everything decided that was left to the program: a new texture begins where the old one is given up.
 ///
 /// `has_maps` if a new texture has normal maps, `has_normals` if the vertices have normals.
@@ -190,6 +197,7 @@ pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String
             "--normals drop leaves them to viewers, most of which shade each triangle as flat then",
         ),
     };
+    stage.bare_as_material = config.kind()? == OutputKind::Ply;
     Ok((marks, stage))
 }
 

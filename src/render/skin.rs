@@ -184,7 +184,9 @@ impl Group<'_> {
         let look = |map: Option<&MapUse>| look_in(map).map(|(_, light)| light);
         let normal = match look(paint.normal.as_ref()) {
             Some([x, y, z, opacity]) if opacity > 0.0 => {
-                bent(sample, [x, y, z].map(|x| 2.0 * x / opacity - 1.0))
+                let slope = paint.normal.as_ref().map_or(1.0, |map| map.strength);
+                let [x, y, z] = [x, y, z].map(|x| 2.0 * x / opacity - 1.0);
+                bent(sample, [slope * x, slope * y, z])
             }
             _ => sample.normal,
         };

@@ -212,6 +212,117 @@ fn shade_and_factors_of_gltf_are_baked() {
     assert!(said.contains("image of ambient shade") && said.contains("not baked"), "{said}");
 }
 
+/// A square of glTF whose images have strengths and places: those of the input are kept, and a new texture has their effect.
+#[test]
+fn strengths_and_places_of_images_are_kept_and_baked() {
+    let folder = &scratch();
+    for (name, colour) in
+        [("a.png", [200, 40, 0]), ("b.png", [100, 0, 0]), ("c.png", [192, 128, 222])]
+    {
+        RgbImage::from_pixel(8, 8, Rgb(colour)).save(folder.join(name)).unwrap();
+    }
+    let half = |x: u32, _| if x < 4 { Rgb([0, 0, 255]) } else { Rgb([0, 255, 0]) };
+    RgbImage::from_fn(8, 8, half).save(folder.join("d.png")).unwrap();
+    let bytes = crate::opacity::two_squares([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0]]);
+    let data = base64::engine::general_purpose::STANDARD.encode(&bytes);
+    let accessor = |at: usize, component: u32, count: u32, kind: &str| json!({ "bufferView": 0, "byteOffset": at, "componentType": component, "count": count, "type": kind });
+    let halved = json!({ "KHR_texture_transform": { "scale": [0.5, 1.0], "offset": [0.5, 0.0] } });
+    let document = json!({
+        "asset": { "version": "2.0" },
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [
+            { "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "indices": 2, "material": 0 },
+        ] }],
+        "materials": [{
+            "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } },
+            "occlusionTexture": { "index": 1, "strength": 0.5 },
+            "normalTexture": { "index": 2, "scale": 0.5 },
+            "emissiveTexture": { "index": 3, "extensions": halved },
+            "emissiveFactor": [1, 1, 1],
+            "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 4.0 } },
+        }],
+        "textures": [{ "source": 0 }, { "source": 1 }, { "source": 2 }, { "source": 3 }],
+        "images": [{ "uri": "a.png" }, { "uri": "b.png" }, { "uri": "c.png" }, { "uri": "d.png" }],
+        "accessors": [
+            accessor(0, 5126, 4, "VEC3"), accessor(96, 5126, 4, "VEC2"), accessor(128, 5121, 6, "SCALAR"),
+        ],
+        "bufferViews": [{ "buffer": 0, "byteLength": bytes.len() }],
+        "buffers": [{
+            "byteLength": bytes.len(), "uri": format!("data:application/octet-stream;base64,{data}"),
+        }],
+    });
+    std::fs::write(folder.join("in.gltf"), document.to_string()).unwrap();
+    let strength = |material: &serde_json::Value| {
+        material["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"].as_f64()
+    };
+    let said = expect(folder, "convert in.gltf kept.glb", 0);
+    assert!(!said.contains("carried"), "{said}");
+    let kept = &glb_json(&folder.join("kept.glb"))["materials"][0];
+    assert_eq!(
+        (&kept["normalTexture"]["scale"], &kept["occlusionTexture"]["strength"]),
+        (&json!(0.5), &json!(0.5))
+    );
+    assert_eq!((&kept["emissiveTexture"]["extensions"], strength(kept)), (&halved, Some(4.0)));
+    let said = expect(folder, "convert in.gltf kept.obj", 0);
+    assert!(said.contains("strength of the normal map"), "{said}");
+    assert!(said.contains("strength of emitted light"), "{said}");
+    for mesh in ["in.gltf", "kept.glb"] {
+        let said = expect(
+            folder,
+            &format!("simplify {mesh} out.glb --triangles 2 --texture bake --force"),
+            0,
+        );
+        assert!(!said.contains("not baked") && !said.contains("carried"), "{said}");
+        let out = folder.join("out.glb");
+        assert_eq!(strength(&glb_json(&out)["materials"][0]), Some(4.0));
+        let middle = |end: &str| {
+            let page = embedded(&out, end);
+            page.get_pixel(page.width() / 2, page.height() / 2).0
+        };
+        assert!(middle("_surface")[0].abs_diff(178) < 2, "{:?}", middle("_surface"));
+        let [x, y, _] = middle("_normal");
+        let slopes = [x.abs_diff(169).min(x.abs_diff(86)), y.abs_diff(169).min(y.abs_diff(86))];
+        assert!(slopes.iter().any(|off| *off < 3), "{:?}", middle("_normal"));
+        let light = embedded(&out, "_emission");
+        let n = [[0, 255, 0], [0, 0, 255]]
+            .map(|wanted| light.pixels().filter(|pixel| pixel.0 == wanted).count());
+        assert!(n[0] > 20 && n[0] > 4 * n[1], "{n:?} green and blue");
+    }
+}
+
+/// Two squares of glTF, of which one has colours of vertices: the other one's material is seen in OBJ and PLY, too.
+#[test]
+fn vertices_without_a_colour_show_their_material() {
+    let folder = &scratch();
+    tinted_squares(folder);
+    let text = std::fs::read_to_string(folder.join("both.gltf")).unwrap();
+    let mut document: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let attributes = &mut document["meshes"][0]["primitives"];
+    attributes[0]["attributes"].as_object_mut().unwrap().remove("COLOR_0");
+    attributes[1]["material"] = 2.into();
+    let white = document["materials"][0].take();
+    document["materials"].as_array_mut().unwrap().push(json!({}));
+    document["materials"][0] = white;
+    std::fs::write(folder.join("in.gltf"), document.to_string()).unwrap();
+    for command in ["convert in.gltf", "simplify in.gltf --triangles 4"] {
+        for kind in ["ply", "obj"] {
+            let said = expect(folder, &format!("{command} out.{kind} --force"), 0);
+            assert!(!said.contains("vertices without colour"), "{said}");
+        }
+        let wanted = FACTOR.map(|light| (255.0 * (1.055 * light.powf(1.0 / 2.4) - 0.055)).round());
+        let lines = vertex_lines(folder, "out.ply");
+        let is_wanted = |line: &&Vec<f64>| {
+            line[3..6].iter().zip(wanted).all(|(share, byte)| (255.0 * share).round() == byte)
+        };
+        assert_eq!(lines.iter().filter(is_wanted).count(), 4, "{lines:?}");
+        let text = std::fs::read_to_string(folder.join("out.obj")).unwrap();
+        let n_bare =
+            text.lines().filter(|line| line.starts_with("v ") && line.split(' ').count() == 4);
+        assert_eq!(n_bare.count(), 4, "{text}");
+    }
+}
+
 const COLOURS: [[f32; 3]; 2] = [[0.25, 0.5, 1.0], [0.5, 1.0, 0.25]];
 const FACTOR: [f64; 3] = [0.5, 0.25, 0.75];
 

@@ -38,6 +38,24 @@ impl Coordinates {
         Coordinates::of(None)
     }
 
+    /// Options of a material library that lead to these coordinates from others (`-s`, `-o`), empty where both are the same.
+    /// `None` if they are of another set, or turned.
+    fn options_from(&self, other: &Coordinates) -> Option<String> {
+        if self == other {
+            return Some(String::new());
+        }
+        let [[a, b], [c, d]] = other.rows;
+        let determinant = a * d - b * c;
+        // The rows of one times the inverse of the other's.
+        let rows = self.rows.map(|[x, y]| [x * d - y * c, y * a - x * b].map(|z| z / determinant));
+        let [[s, turned], [also, t]] = rows;
+        let is_straight = turned.abs().max(also.abs()) < 1e-9 && (s * t).is_finite();
+        let [over, down] = [0, 1].map(|i| self.offset[i] - rows[i][i] * other.offset[i]);
+        let up = 1.0 - t - down;
+        (self.set == other.set && is_straight && (over * up).is_finite())
+            .then(|| format!("-s {s} {t} 1 -o {over} {up} 0"))
+    }
+
     /// Coordinates as all other formats have them, from the bottom up.
     pub(super) fn place(&self, [u, v]: [f64; 2]) -> [f32; 2] {
         let [s, t] = [0, 1].map(|i| self.rows[i][0] * u + self.rows[i][1] * v + self.offset[i]);
@@ -109,6 +127,7 @@ fn image_of(
 
 const GLOSS: &str = "KHR_materials_pbrSpecularGlossiness";
 const UNLIT: &str = "KHR_materials_unlit";
+const STRENGTH: &str = "KHR_materials_emissive_strength";
 
 /// Adds a material; returns the coordinates of its colour image.
 fn add(
@@ -140,6 +159,10 @@ fn add(
     for (name, value) in &material.extensions {
         match name.as_str() {
             UNLIT => new.unlit = true,
+            STRENGTH => {
+                let strength = value.get("emissiveStrength").and_then(|x| x.as_f64());
+                new.emissive_strength = strength.map_or(1.0, |x| x.max(0.0) as f32);
+            }
             GLOSS => {
                 let part = |key: &str| value.get(key).cloned();
                 let from = |key| part(key).and_then(|value| serde_json::from_value(value).ok());
@@ -168,15 +191,14 @@ fn add(
         (MapKind::Occlusion, material.occlusion_texture.as_ref()),
         (MapKind::Emissive, material.emissive_texture.as_ref()),
     ];
-    let first = maps.iter().find_map(|(kind, info)| info.map(|info| (*kind, info)));
+    // Light is what is seen where there is no colour image.
+    let seen = [MapKind::Base, MapKind::Emissive].iter().chain(maps.iter().map(|(kind, _)| kind));
+    let first = seen.filter_map(|kind| maps.iter().find(|(own, _)| own == kind));
+    let first = first.filter_map(|(kind, info)| info.map(|info| (*kind, info))).next();
     let coordinates = Coordinates::of(first.map(|(_, info)| info));
     for (kind, info) in maps {
         let Some(info) = info else { continue };
-        if info.scale.or(info.strength).is_some_and(|factor| factor != 1.0) {
-            let what = format!("strength of {}", kind.name());
-            out.lose(Loss::new(LossKind::Materials, what, "not carried"));
-        }
-        if Coordinates::of(Some(info)) != coordinates {
+        let Some(options) = Coordinates::of(Some(info)).options_from(&coordinates) else {
             let (name, first) = (kind.name(), first.map_or("", |(kind, _)| kind.name()));
             let what = format!("{name} with other texture coordinates than the {first}");
             out.lose(Loss::new(LossKind::Images, what, "not carried"));
@@ -187,7 +209,7 @@ fn add(
                 _ => {}
             }
             continue;
-        }
+        };
         let Some(texture) = document.textures.get(info.index) else {
             return Err(
                 file.bad(format!("texture {}, which a material names, does not exist", info.index))
@@ -207,7 +229,8 @@ fn add(
         let wrap = texture.sampler.and_then(|sampler| document.samplers.get(sampler));
         let wrap = wrap.map(|s| [s.wrap_s.unwrap_or(REPEAT), s.wrap_t.unwrap_or(REPEAT)]);
         let wrap = wrap.filter(|wrap| *wrap != [REPEAT; 2]);
-        new.maps.push(Map { wrap, ..Map::new(kind, image, String::new()) });
+        let strength = info.scale.or(info.strength).unwrap_or(1.0) as f32;
+        new.maps.push(Map { wrap, strength, ..Map::new(kind, image, options) });
     }
     out.list.push(new);
     Ok(coordinates)

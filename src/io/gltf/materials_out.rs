@@ -109,6 +109,7 @@ pub(super) struct Lists {
 }
 
 const UNLIT: &str = "KHR_materials_unlit";
+const STRENGTH: &str = "KHR_materials_emissive_strength";
 pub(super) const WEBP: &str = "EXT_texture_webp";
 pub(super) const BASIS: &str = "KHR_texture_basisu";
 const TRANSFORM: &str = "KHR_texture_transform";
@@ -182,9 +183,18 @@ impl Lists {
         if material.two_sided {
             out.insert("doubleSided".to_owned(), true.into());
         }
+        let mut extensions = Object::new();
         if material.unlit {
-            out.insert("extensions".to_owned(), json!({ UNLIT: {} }));
+            extensions.insert(UNLIT.to_owned(), json!({}));
             self.extend(UNLIT);
+        }
+        if emissive != [0.0; 3] && material.emissive_strength != 1.0 {
+            let strength = json!({ "emissiveStrength": material.emissive_strength });
+            extensions.insert(STRENGTH.to_owned(), strength);
+            self.extend(STRENGTH);
+        }
+        if !extensions.is_empty() {
+            out.insert("extensions".to_owned(), Value::Object(extensions));
         }
         Value::Object(out)
     }
@@ -217,6 +227,11 @@ impl Lists {
             texture["sampler"] = found_or_pushed(&mut self.samplers, sampler).into();
         }
         let mut value = json!({ "index": found_or_pushed(&mut self.textures, texture) });
+        match map.kind {
+            MapKind::Normal if map.strength != 1.0 => value["scale"] = map.strength.into(),
+            MapKind::Occlusion if map.strength != 1.0 => value["strength"] = map.strength.into(),
+            _ => {}
+        }
         let ([u, v], [over, up]) = (place.scale, place.offset);
         if (place.scale, place.offset) != ([1.0; 2], [0.0; 2]) {
             // Coordinates of glTF go downwards from the top.

@@ -17,7 +17,7 @@ use super::scene::NodePlacement;
 use super::totals;
 use super::vertex_row::VertexRow;
 use crate::hard_edges;
-use crate::materials::{BARE_FACES, BARE_REASON, BARE_VERTICES, Materials};
+use crate::materials::{BARE_FACES, BARE_REASON, MapKind, Materials};
 use crate::names::{Name, NameList};
 use crate::open_options::{HardEdges, StageOptions};
 use crate::ply::Faults;
@@ -52,6 +52,19 @@ impl Piece<'_> {
     {
         let n_indices = |p: &Self| p.indices.as_ref().map_or(p.positions.count, |list| list.count);
         pieces.map(|p| of(p.primitive.mode.unwrap_or(TRIANGLES), n_indices(p))).sum()
+    }
+}
+
+/// The colour of a piece whose vertices have none: white, through which its material is seen, or that material's where the
+/// output has none. Images hide either.
+fn bare_colour(piece: &Piece, shown: Option<&Materials>) -> [u8; 4] {
+    match piece.primitive.material.and_then(|number| shown?.list.get(number)) {
+        Some(material) if material.map(MapKind::Base).is_none() => {
+            let [r, g, b, _] = material.base;
+            let [r, g, b] = [r, g, b].map(|x| (255.0 * held(f64::from(x))).round() as u8);
+            [r, g, b, 255]
+        }
+        _ => [255; 4],
     }
 }
 
@@ -99,11 +112,13 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
     joiner.comments.extend(names.comments());
     let has = FaceParts { texture: has_texture, numbers: has_numbers, names: names.has_numbers() };
     joiner.has = has;
-    let (mut n_bad, mut n_not_finite, mut n_clamped, mut n_white) = (0, 0, 0, 0);
+    let (mut n_bad, mut n_not_finite, mut n_clamped, mut n_bare) = (0, 0, 0, 0);
+    let shown = (has_colours && options.bare_as_material).then(|| materials.shown().into_owned());
     for piece in &pieces {
         let first = joiner.n_vertices();
+        let bare = bare_colour(piece, shown.as_ref());
         let [not_finite, clamped, outside, coloured] =
-            put_vertices(&file, piece, options, &mut joiner)?;
+            put_vertices(&file, (piece, bare), options, &mut joiner)?;
         let material = piece.primitive.material.and_then(|number| i32::try_from(number).ok());
         if material.is_some_and(|number| materials.has_base(number)) {
             materials.n_tinted += coloured;
@@ -112,7 +127,7 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
             materials.show_wrap(piece.primitive.material);
         }
         (n_not_finite, n_clamped) = (n_not_finite + not_finite, n_clamped + clamped);
-        n_white += if piece.colours.is_none() { piece.positions.count } else { 0 };
+        n_bare += if piece.colours.is_none() { piece.positions.count } else { 0 };
         n_bad += put_faces(&file, piece, (first, options.read.skip_bad), &mut joiner)?;
     }
     if n_not_finite > 0 {
@@ -124,21 +139,18 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
         let loss = Loss::new(LossKind::Colors, "colours of vertices", "outside of 0 to 1: clamped");
         materials.lose(loss.count(n_clamped));
     }
-    if has_colours && n_white > 0 {
-        let loss = Loss::new(LossKind::Colors, BARE_VERTICES, "others have one: white");
-        materials.lose(loss.count(n_white));
-    }
     let is_bare = |piece: &&Piece| {
         let material = piece.primitive.material.and_then(|number| i32::try_from(number).ok());
         has_texture && piece.texture.is_none() && material.is_some_and(|m| materials.has_base(m))
     };
-    let n_bare: u64 = Piece::sum(pieces.iter().filter(is_bare), totals::n_triangles);
-    if n_bare > 0 {
+    let n_bare_faces: u64 = Piece::sum(pieces.iter().filter(is_bare), totals::n_triangles);
+    if n_bare_faces > 0 {
         let loss = Loss::new(LossKind::TextureCoordinates, BARE_FACES, BARE_REASON);
-        materials.lose(loss.count(n_bare));
+        materials.lose(loss.count(n_bare_faces));
     }
     let faults = Faults { bad_faces: n_bad, ..Faults::default() };
-    let mut staged = Staged { faults, beside: buffers.beside(), ..Staged::default() };
+    let n_bare = if has_colours && shown.is_none() { n_bare } else { 0 };
+    let mut staged = Staged { faults, beside: buffers.beside(), n_bare, ..Staged::default() };
     if has_texture {
         let mut files: Vec<String> =
             materials.images.iter().map(|image| image.name.clone()).collect();
@@ -298,7 +310,7 @@ const BEYOND: f32 = 1e-3;
 /// many a colour beyond white, and how many coordinates beyond the image.
 fn put_vertices(
     file: &RawFile,
-    piece: &Piece,
+    (piece, bare): (&Piece, [u8; 4]),
     options: &StageOptions,
     joiner: &mut Joiner,
 ) -> Result<[u64; 4]> {
@@ -342,7 +354,7 @@ fn put_vertices(
                     n_coloured += u64::from([r, g, b] != [255; 3]);
                     [r, g, b, (alpha * 255.0).round() as u8]
                 }
-                None => [255; 4],
+                None => bare,
             };
             let uv = match (&piece.texture, uvs.as_chunks::<2>().0.get(i)) {
                 (Some((_, place)), Some(&uv)) => place.place(uv),

@@ -44,6 +44,8 @@ pub struct Material {
     pub specular: Option<[f32; 3]>,
     /// Emitted light, as screens show it.
     pub emissive: Option<[f32; 3]>,
+    /// Factor of the emitted light, which may go beyond white.
+    pub emissive_strength: f32,
     /// Exponent of highlights.
     pub shininess: Option<f32>,
     /// Share of metal, from 0 to 1.
@@ -95,6 +97,8 @@ pub struct Map {
     pub image: usize,
     /// Options of a material library: `-s 2 2 1`.
     pub options: String,
+    /// Factor of slopes in a normal map, share of the shade in one of shade.
+    pub strength: f32,
     /// Tiling outside of 0 to 1 as glTF numbers it, along u and v; repeated if `None`.
     pub wrap: Option<[u32; 2]>,
     /// True if coordinates lead beyond the image, where `wrap` is seen.
@@ -123,7 +127,7 @@ pub const CLAMPED: [u32; 2] = [CLAMP_TO_EDGE; 2];
 impl Map {
     /// An image that repeats, with options of a material library.
     pub fn new(kind: MapKind, image: usize, options: String) -> Map {
-        Map { kind, image, options, wrap: None, shows_wrap: false }
+        Map { kind, image, options, strength: 1.0, wrap: None, shows_wrap: false }
     }
 
     /// Options of a material library, with the tiling if they can say it.
@@ -262,6 +266,7 @@ impl Default for Material {
             ambient: None,
             specular: None,
             emissive: None,
+            emissive_strength: 1.0,
             shininess: None,
             metallic: None,
             roughness: None,

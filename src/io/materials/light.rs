@@ -68,7 +68,7 @@ impl Materials {
                 to.alpha = Alpha::Opaque;
             }
             to.base[..3].copy_from_slice(&light.map(|x| x.min(1.0)));
-            (to.emissive, to.unlit) = (None, true);
+            (to.emissive, to.emissive_strength, to.unlit) = (None, 1.0, true);
         }
         Cow::Owned(out)
     }

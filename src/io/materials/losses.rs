@@ -53,6 +53,9 @@ pub(super) fn enter(kind: OutputKind, materials: &Materials, losses: &mut Ledger
             if kind == OutputKind::Glb && is_held {
                 continue;
             }
+            if holds(kind, map.kind) && map.strength != 1.0 && kind != OutputKind::Glb {
+                lose(LossKind::Images, &format!("strength of the {}", map.kind.name()), false);
+            }
             if !holds(kind, map.kind) {
                 lose(LossKind::Images, map.kind.name(), !keeps_an_image);
             } else if kind == OutputKind::Glb && map.place().has_others
@@ -120,13 +123,15 @@ fn traits(
     let is_matt = material.metallic.is_none_or(|x| x == 0.0 || x == 1.0)
         && material.roughness.is_none_or(|x| x == 1.0);
     let highlights = is(material.specular, &[[0.0; 3]]);
-    let found: [(&str, &[OutputKind], bool); 9] = [
+    let is_brighter = material.light() != [0.0; 3] && material.emissive_strength != 1.0;
+    let found: [(&str, &[OutputKind], bool); 10] = [
         (COLOUR, &[Obj, Glb], [r, g, b] != [1.0; 3]),
         ("opacity", &[Obj, Glb], opacity != 1.0),
         ("opacity of the colour image", &[Obj, Glb], is_clear),
         ("ambient colour", &[Obj], is(material.ambient, &[[0.0; 3], [1.0; 3], [r, g, b]])),
         ("highlights", &[Obj], highlights),
         (EMITTED, &[Obj, Glb], is(material.emissive, &[[0.0; 3]])),
+        ("strength of emitted light", &[Glb], is_brighter),
         ("metal and roughness", &[Obj, Glb], !is_matt),
         ("drawing of both sides", &[Glb], material.two_sided),
         ("independence of light", &[Obj, Glb], material.unlit),

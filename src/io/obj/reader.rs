@@ -8,7 +8,7 @@ use super::rows::{face, has_texture, is_cut, vertex, wide};
 use super::texture::TexturedFaces;
 use crate::encodings;
 use crate::extent::Extent;
-use crate::materials::{BARE_FACES, BARE_REASON, BARE_VERTICES, Image, after_word};
+use crate::materials::{BARE_FACES, BARE_REASON, Image, after_word};
 use crate::names::{Name, NameList, OBJECT};
 use crate::open_options::StageOptions;
 use crate::ply::header::BYTE_ORDER_MARK;
@@ -336,11 +336,10 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
             "it has no end, and fewer or shorter corners than the others: the file may be cut off";
         staged.losses.lose(Loss::new(LossKind::Geometry, "the last line, a face", why));
     }
-    let n_white = summary.n_vertices - summary.n_coloured;
+    staged.n_bare = if coloured { summary.n_vertices - summary.n_coloured } else { 0 };
     let of_vertices = "colours of vertices";
     for (n, what, why) in [
         (n_clamped, of_vertices, format!("outside of 0 to {white}: clamped")),
-        (if coloured { n_white } else { 0 }, BARE_VERTICES, "others have one: white".to_owned()),
         (
             if has_weights { 0 } else { summary.n_opacities },
             "opacity behind the colour of vertices",

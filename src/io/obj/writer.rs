@@ -26,6 +26,8 @@ pub struct ObjWriter {
     out: PendingFile,
     schema: VertexSchema,
     colour: Option<ColourPlace>,
+    /// White stands for no colour: the material's is seen.
+    has_bare: bool,
     normal: Option<[(Scalar, usize); 3]>,
     /// Texture coordinates at vertices.
     texture: Option<[(Scalar, usize); 2]>,
@@ -102,6 +104,7 @@ impl ObjWriter {
             out,
             schema,
             colour,
+            has_bare: header.n_bare > 0,
             normal,
             texture,
             corner_texture,
@@ -129,7 +132,9 @@ impl ObjWriter {
                     _ => write!(rows, " {}", Shortest(value as f32)),
                 };
             }
-            for value in self.colour.iter().flat_map(|colour| colour.shares(record)) {
+            let is_bare = |colour: &&ColourPlace| self.has_bare && colour.bytes(record) == [255; 3];
+            let colour = self.colour.as_ref().filter(|colour| !is_bare(colour));
+            for value in colour.iter().flat_map(|colour| colour.shares(record)) {
                 let _ = write!(rows, " {}", Shortest(value as f32));
             }
             rows.push(b'\n');

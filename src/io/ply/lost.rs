@@ -4,7 +4,6 @@
 use super::source::MeshSource;
 use super::textures::is_of_materials;
 use super::writer::OutputHeader;
-use crate::materials::BARE_VERTICES;
 use crate::names::{Name, NameTable, NameUse, OBJECT, is_name};
 use stonecut_mesh::record::VertexSchema;
 use stonecut_system::losses::{Ledger, Loss, LossKind};
@@ -22,6 +21,7 @@ impl MeshSource {
             comments: self.plain_comments(),
             obj_infos: self.obj_infos().to_vec(),
             images_hide_colours: self.images_hide_colours(),
+            n_bare: self.staged.n_bare,
             ..OutputHeader::new(schema, n_vertices, n_faces)
         }
     }
@@ -53,7 +53,7 @@ impl MeshSource {
 
     /// True if some vertices, white since then, had no colour where others have one.
     pub fn has_bare_vertices(&self) -> bool {
-        self.staged.losses.entries().iter().any(|loss| loss.what == BARE_VERTICES)
+        self.staged.n_bare > 0
     }
 
     /// Parts of the file that the mesh does not have.

@@ -110,6 +110,8 @@ pub struct Staged {
     pub lock: Option<LockedBy>,
     /// Files that became this mesh, if it was made of several.
     pub parts: Vec<PartReport>,
+    /// Vertices without a colour where others have one: they are white.
+    pub n_bare: u64,
     /// Parts of the input that the PLY does not have.
     pub losses: Ledger,
 }

@@ -40,6 +40,8 @@ pub struct OutputHeader {
     pub textures: Option<TexturePlan>,
     /// True if images hide the colours of vertices, as in PLY and OBJ; glTF multiplies the two.
     pub images_hide_colours: bool,
+    /// Vertices of the input without a colour where others have one, which are white; 0 if there are none.
+    pub n_bare: u64,
     /// True if corners have tangents, which only GLB holds; normals are then as precise.
     pub has_tangents: bool,
     /// Memory for sorting faces by material, in the formats that group them.
@@ -63,6 +65,7 @@ impl OutputHeader {
             settings,
             textures: None,
             images_hide_colours: false,
+            n_bare: 0,
             has_tangents: false,
             sort_memory_bytes: SORT_MEMORY_BYTES,
         }

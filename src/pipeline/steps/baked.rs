@@ -285,6 +285,7 @@ fn materials_of(baked: &Baked, stem: &str) -> Result<Materials> {
             metallic: finish.metallic,
             roughness: finish.roughness,
             emissive: finish.emissive,
+            emissive_strength: finish.emissive_strength,
             alpha: match (part.blends, finish.mask, finish.blends) {
                 (true, ..) => Alpha::Blend,
                 (false, Some(from), _) => Alpha::Mask(from),

@@ -2,7 +2,8 @@
 
 use super::images::{Decoded, ImageCache};
 use super::light_table::Light;
-use super::palette::{Paint, Palette};
+use super::paint::Paint;
+use super::palette::Palette;
 use super::purpose::SEEN;
 use std::ops::Range;
 use std::sync::Arc;

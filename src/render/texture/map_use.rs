@@ -16,6 +16,8 @@ pub struct MapUse {
     pub texels_per_coordinate: f64,
     /// The channel that counts where only one does.
     pub channel: usize,
+    /// Factor of slopes, share of shade.
+    pub strength: f32,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,7 +70,7 @@ impl MapUse {
             _ => 0,
         };
         let scaled = MapUse::scaled(map.image, size, place.scale, place.offset);
-        MapUse { wrap, channel, ..scaled }
+        MapUse { wrap, channel, strength: map.strength, ..scaled }
     }
 
     /// An image that repeats.
@@ -76,7 +78,16 @@ impl MapUse {
         let [width, height] = size.map(f64::from);
         let texels_per_coordinate = (width * height * (scale[0] * scale[1]).abs()).sqrt();
         let wrap = [Wrap::Repeat; 2];
-        MapUse { image, size, wrap, scale, offset, texels_per_coordinate, channel: 0 }
+        MapUse {
+            image,
+            size,
+            wrap,
+            scale,
+            offset,
+            texels_per_coordinate,
+            channel: 0,
+            strength: 1.0,
+        }
     }
 
     /// An image that does not repeat, with coordinates from 0 to 1 that lead to all of it.

@@ -19,6 +19,7 @@ mod lights;
 mod map_use;
 mod opacity;
 mod page;
+mod paint;
 mod palette;
 mod purpose;
 
@@ -34,5 +35,6 @@ pub use light_table::{Light, pixel_of};
 pub use lights::{Spot, look_up, multiply, times_opacity};
 pub use map_use::MapUse;
 pub use page::{add_corners, apart, corner_bytes};
-pub use palette::{Finish, Paint, Palette};
+pub use paint::{Finish, Paint};
+pub use palette::Palette;
 pub use purpose::{Purpose, SEEN, SURFACE, WantedMaps};

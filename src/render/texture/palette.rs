@@ -3,8 +3,8 @@
 //! Images are looked at, not decoded: kind and size from their headers. Decides what cannot be used, and says so.
 
 use super::map_use::MapUse;
+use super::paint::{Finish, Paint};
 use super::purpose::{BESIDE, Meaning, Purpose, SEEN, SURFACE, meaning};
-use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use stonecut_io::materials::{
@@ -59,76 +59,6 @@ pub fn image_bytes(size: [u32; 2]) -> u64 {
     PIXEL_BYTES * width * height / 3 * 4 + 4096
 }
 
-/// Colour of a material.
-#[derive(Clone, Debug)]
-pub struct Paint {
-    /// Linear light, and opacity.
-    pub factor: [f32; 4],
-    /// Image of colours.
-    pub base: Option<MapUse>,
-    /// Image of opacity.
-    pub opacity: Option<MapUse>,
-    /// Directions in tangent space.
-    pub normal: Option<MapUse>,
-    /// Images of light, roughness, metal and shade.
-    pub others: Vec<(MapKind, MapUse)>,
-    /// Emitted light, multiplied with its image.
-    pub emitted: [f32; 3],
-    /// Roughness and share of metal, multiplied with their images.
-    pub surface: [f32; 2],
-    /// Opaque from this value on, otherwise not there.
-    pub mask: Option<f32>,
-    /// True if light does not matter.
-    pub unlit: bool,
-}
-
-impl Paint {
-    /// Its images.
-    pub fn maps(&self) -> impl Iterator<Item = &MapUse> {
-        let first = [&self.base, &self.opacity, &self.normal].into_iter().flatten();
-        first.chain(self.others.iter().map(|(_, map)| map))
-    }
-
-    /// Its image of a kind.
-    pub fn map(&self, kind: MapKind) -> Option<&MapUse> {
-        match kind {
-            MapKind::Base => self.base.as_ref(),
-            MapKind::Opacity => self.opacity.as_ref(),
-            MapKind::Normal => self.normal.as_ref(),
-            _ => self.others.iter().find(|(own, _)| *own == kind).map(|(_, map)| map),
-        }
-    }
-
-    /// The image with the most texels for a length in its coordinates.
-    pub fn densest(&self) -> Option<&MapUse> {
-        let denser =
-            |a: &&MapUse, b: &&MapUse| a.texels_per_coordinate.total_cmp(&b.texels_per_coordinate);
-        self.maps().max_by(denser)
-    }
-}
-
-/// Look of the pages of a bake, besides their images.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Finish {
-    /// Colour as screens show it, and opacity; they multiply the pages.
-    pub base: [f32; 4],
-    /// Opaque from this value on, where opacity is a mask.
-    pub mask: Option<f32>,
-    /// True if a share of the light passes, at some places at least.
-    pub blends: bool,
-    /// True if both sides are drawn.
-    pub two_sided: bool,
-    /// True if light does not matter.
-    pub unlit: bool,
-    /// Share of metal.
-    pub metallic: Option<f32>,
-    /// Roughness.
-    pub roughness: Option<f32>,
-    /// Emitted light as screens show it.
-    #[serde(default)]
-    pub emissive: Option<[f32; 3]>,
-}
-
 impl Palette {
     /// Looks at all materials and images.
     pub fn new(materials: Option<&Materials>, purpose: Purpose) -> Palette {
@@ -155,6 +85,7 @@ impl Palette {
             let image = places[&(map.image, meaning(material, kind, picture.is_jpeg))];
             Some(MapUse::new(&Map { image, ..map.clone() }, picture.size))
         };
+        let strength = emissive_strength(&materials.list);
         let paint = |material: &Material| {
             let of_kind = |&kind: &MapKind| Some((kind, use_of(material, kind)?));
             let others: Vec<_> = BESIDE.iter().filter_map(of_kind).collect();
@@ -164,7 +95,9 @@ impl Palette {
             let is_metal = has(&[MapKind::MetallicRoughness, MapKind::Metallic]);
             let has_light = material.emissive.is_some() || has(&[MapKind::Emissive]);
             let [r, g, b] = if has_light { material.light() } else { [0.0; 3] };
+            // The strongest light is white on the pages.
             let [r, g, b, _] = linear([r, g, b, 1.0]);
+            let emitted = [r, g, b].map(|x| x * (material.emissive_strength / strength));
             let share = |x: f32| if x.is_finite() { x.clamp(0.0, 1.0) } else { 1.0 };
             Paint {
                 factor: linear(material.base),
@@ -175,7 +108,7 @@ impl Palette {
                     share(material.roughness.unwrap_or(1.0)),
                     share(material.metallic.unwrap_or(full(is_metal))),
                 ],
-                emitted: [r, g, b],
+                emitted,
                 others,
                 mask: material.alpha.cutoff(),
                 unlit: material.unlit,
@@ -473,8 +406,16 @@ impl Palette {
                 false => same(list.iter().map(|material| material.emissive))
                     .filter(|light| self.purpose.beside().surface && *light != [0.0; 3]),
             },
+            emissive_strength: emissive_strength(list),
         }
     }
+}
+
+/// The largest strength of the light that materials emit.
+fn emissive_strength(list: &[Material]) -> f32 {
+    let emits = |material: &&Material| material.light() != [0.0; 3];
+    let all = list.iter().filter(emits).map(|material| material.emissive_strength);
+    all.filter(|strength| *strength > 0.0).reduce(f32::max).unwrap_or(1.0)
 }
 
 /// A material's colour in linear light.
