@@ -1,7 +1,7 @@
 //! Triangles that stay because their vertices are locked, and the costs that the others may bear on the way to a count.
 
-use crate::surface::Surface;
 use crate::surface::class::Class;
+use crate::surface::{MAX_VALENCE, Surface};
 use crate::topology::components::area_of;
 use crate::vertex::GONE;
 use std::ops::Range;
@@ -22,6 +22,13 @@ fn is_held(surface: &Surface, t: &[u32; 3]) -> bool {
 /// Counts the triangles of a range that stay whatever collapses.
 pub(super) fn n_held(surface: &Surface, range: Range<usize>) -> usize {
     surface.triangles[range].iter().filter(|t| is_held(surface, t)).count()
+}
+
+/// Counts the triangles of a range with a corner that has too many triangles around it to collapse. Most of their edges never go, whatever
+/// they cost, and the edges across from it may be counted with triangles elsewhere: the caps of a cylinder are such ranges.
+pub(super) fn n_at_hubs(surface: &Surface, range: Range<usize>) -> usize {
+    let is_hub = |v: &u32| surface.rings[*v as usize].len > MAX_VALENCE;
+    surface.triangles[range].iter().filter(|t| t[0] != GONE && t.iter().any(is_hub)).count()
 }
 
 /// The highest cost that a collapse may have on the way to a count, in scaled units: the largest number, unless most of that count

@@ -16,6 +16,7 @@ use crate::schedule::held;
 use crate::schedule::queue::{BucketQueue, Entry};
 use crate::schedule::seeds::Seeds;
 use crate::state::validate::validate_small;
+use crate::topology::components::whole_area;
 use crate::vertex::GONE;
 use stonecut_mesh::steps::count;
 
@@ -34,6 +35,11 @@ const LEVEL_SHARE: f64 = 0.25;
 const EXACT_MULTIPLE: f64 = 1.4;
 /// Vertices that wait to be taken apart, one for this many triangles or more, are so before the first level.
 const MANY_MISSING: u64 = 32;
+/// Sampled blocks that do not give way at this multiple of the squared mean area of the triangles that a level leaves, an error of about
+/// two thirds of their edges, are stuck. (Scans end at 0.5 of it, many small components at 1.5.)
+const MOST_COST: f64 = 8.0;
+/// Sampled blocks have given way if more than one in this many of their triangles went.
+const GAVE_WAY: usize = 64;
 
 impl Driver {
     /// Drains the whole mesh to one threshold, block by block.
@@ -149,7 +155,8 @@ impl Driver {
         self.drained = 0.0;
     }
 
-    /// One level whose threshold comes from a sample of the blocks. True if most of it is stuck.
+    /// One level whose threshold comes from a sample of the blocks: the cost at which these gave way for the last time, if no cost takes them
+    /// as far as they should. True if most of it is stuck.
     fn free_level(&mut self, enough: u64, target: u64) -> bool {
         let n_blocks = self.n_blocks();
         let held: Vec<usize> = (0..n_blocks)
@@ -158,8 +165,12 @@ impl Driver {
         let n_held = held.iter().sum::<usize>() as f64;
         let share = (enough as f64 - n_held) / (self.state.surface.n_alive as f64 - n_held);
         let share = share.max(LEVEL_SHARE);
-        // Of blocks that are mostly held, little can be learnt.
-        let is_free = |block: &usize| 2 * held[*block] <= self.block(*block).len();
+        // Of blocks that are mostly held, or lie around hubs, little can be learnt.
+        let is_free = |block: &usize| {
+            let range = self.block(*block);
+            let at_hubs = held::n_at_hubs(&self.state.surface, range.clone());
+            2 * held[*block].max(at_hubs) <= range.len()
+        };
         let free: Vec<usize> = (0..n_blocks).filter(is_free).collect();
         let pilot = || free.iter().copied().step_by(PILOT_STRIDE);
         let count = |driver: &Self| -> usize {
@@ -180,10 +191,21 @@ impl Driver {
         let mut cost = quantile(costs, (1.0 - share) * 0.6);
         let mut limits = DrainLimits { cost: self.ceiling, triangles: target, may_stall: false };
         let (mut mark, mut is_stuck) = ((cost, count(self)), false);
+        let mut gave_way = mark;
+        let n_left = self.state.surface.n_alive as f64 * share;
+        let mean = whole_area(&self.state.surface) / n_left;
+        let most = (MOST_COST * mean * mean).min(f64::from(f32::MAX)) as f32;
         for _ in 0..200 {
             queue.close_above(cost);
             self.drain(&mut queue, limits);
             let n = count(self);
+            if gave_way.1.saturating_sub(n) > gave_way.1 / GAVE_WAY {
+                gave_way = (cost, n);
+            }
+            if n > wanted && cost >= most {
+                (mark, is_stuck) = (gave_way, true);
+                break;
+            }
             if n <= wanted || cost >= self.ceiling || self.interrupt.is_raised() {
                 break;
             }
