@@ -20,7 +20,7 @@ pub(super) const MOST_TEXELS: f64 = 4.0;
 const SIDES: [u32; 2] = [1, 2];
 
 /// Pixels of the original between points at most.
-const MOST_APART: [f64; 2] = [1.1, 0.75];
+pub(super) const MOST_APART: [f64; 2] = [1.1, 0.75];
 
 /// Points for a side of a texel without images.
 const PLAIN_SIDE: u32 = 2;

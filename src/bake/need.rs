@@ -5,8 +5,9 @@
 use super::charts::Charts;
 use super::normals;
 use super::settings::{Options, work_bytes};
+use stonecut_io::materials::MapKind;
 use stonecut_io::ply::{FaceBlock, FaceLooks, MeshSource};
-use stonecut_render::texture::{BasisCoding, Paint, Palette, Purpose, SEEN, WantedMaps};
+use stonecut_render::texture::{BasisCoding, Paint, Palette, Purpose, SEEN, SURFACE, WantedMaps};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::memory::BASE_BYTES;
 use stonecut_system::units::{memory_word, show_bytes};
@@ -62,7 +63,9 @@ const PLAIN_TEXELS: f64 = 2.0;
 
 /// Bytes of a page's file for a texel of it.
 const JPEG_BYTES: f64 = 0.18;
-const PNG_BYTES: f64 = 1.3;
+const PNG_BYTES: f64 = 1.1;
+/// The same of directions, as maps of the input have them and as the shape alone.
+const NORMAL_BYTES: [f64; 2] = [1.25, 0.7];
 /// The same of KTX2 as UASTC and as ETC1S, smaller sizes included, and processor seconds to make them.
 const CODED_BYTES: [f64; 2] = [1.1, 0.13];
 const CODING_SECONDS: [f64; 2] = [0.3e-6, 1.8e-6];
@@ -78,11 +81,19 @@ const MOST_BLOCKS: u64 = 8;
 
 /// Seconds of one core of a busy machine.
 const SECONDS_PER_TEXEL: f64 = 0.085e-6;
+/// The same for 2 x 2 points, and for directions.
+const SECONDS_PER_FINER_TEXEL: f64 = 0.43e-6;
+const SECONDS_PER_DIRECTION: f64 = 0.43e-6;
 const SECONDS_PER_PAGE_TEXEL: f64 = 60e-9;
 /// Images that are decoded small take less, but a quarter of it.
 const SECONDS_PER_PIXEL: f64 = 15e-9;
 const LEAST_PIXEL_SHARE: f64 = 0.25;
 const SECONDS_PER_TRIANGLE: f64 = 8e-6;
+/// Of the original: its normals, and frames for its normal maps.
+const SECONDS_PER_NORMAL_TRIANGLE: f64 = 4.4e-6;
+const SECONDS_PER_FRAME_TRIANGLE: f64 = 3.9e-6;
+/// Of normal maps, besides those of each image: they are PNG mostly.
+const SECONDS_PER_NORMAL_PIXEL: f64 = 33e-9;
 const SECONDS_PER_CHART_TRIANGLE: f64 = 4e-6;
 
 /// Memory for the sorts of staging.
@@ -148,15 +159,24 @@ pub fn check(
     let free = free_bytes(n_triangles, (taken, least), memory_bytes)?;
     let Texels { n: n_texels, n_wanted } = texels(original, &palette, options)?;
     let n_in = original.n_triangles();
-    let n_canvases =
-        [has_looks(original), options.normals, palette.has_emission(), palette.has_surface()];
-    let n_canvases = n_canvases.into_iter().map(u64::from).sum::<u64>();
-    let on_pages = PAGE_TEXELS * n_texels * n_canvases as f64;
-    let bytes_each = match options.coding {
+    let has_maps = options.normals && palette.has_normal_maps();
+    let bytes_of = |kinds: &[MapKind], png: f64| match options.coding {
         Some(coding) => CODED_BYTES[coding as usize],
-        None if palette.is_photographic(&SEEN) => JPEG_BYTES,
-        None => PNG_BYTES,
+        None if palette.is_photographic(kinds) => JPEG_BYTES,
+        None => png,
     };
+    let of_normals = NORMAL_BYTES[usize::from(!has_maps)];
+    let canvases = [
+        (has_looks(original), bytes_of(&SEEN, PNG_BYTES)),
+        (options.normals, bytes_of(&[MapKind::Normal], of_normals)),
+        (palette.has_emission(), bytes_of(&[MapKind::Emissive], PNG_BYTES)),
+        (palette.has_surface(), bytes_of(&SURFACE, PNG_BYTES)),
+    ];
+    let canvases: Vec<f64> =
+        canvases.into_iter().filter(|(is_made, _)| *is_made).map(|(_, bytes)| bytes).collect();
+    let n_canvases = canvases.len() as u64;
+    let on_page = PAGE_TEXELS * n_texels;
+    let on_pages = on_page * n_canvases as f64;
     let coding_seconds = options.coding.map_or(0.0, |coding| CODING_SECONDS[coding as usize]);
     let cells = CELL_BYTES * n_in;
     // Pages that are as dense as the images need no halves of these; far fewer texels need halves alone, two points a side.
@@ -174,14 +194,24 @@ pub fn check(
         + (free / IMAGE_SHARE).min(decoded)
         + (free / POINT_SHARE).min(BATCH_BYTES)
         + if is_held { n_canvases * canvas } else { 0 };
-    let cpu_seconds = SECONDS_PER_TEXEL * n_texels
+    // As `points_of_side` has it: where pages are coarser than the images, and for directions.
+    let is_finer = options.normals || (n_wanted / n_texels).sqrt() > super::density::MOST_APART[0];
+    let mut cpu_seconds = SECONDS_PER_TEXEL * n_texels
         + (SECONDS_PER_PAGE_TEXEL + coding_seconds) * on_pages
         + SECONDS_PER_PIXEL * share.sqrt().max(LEAST_PIXEL_SHARE) * palette.n_pixels() as f64
         + SECONDS_PER_TRIANGLE * n_in as f64
         + SECONDS_PER_CHART_TRIANGLE * n_triangles as f64;
+    cpu_seconds += if is_finer { SECONDS_PER_FINER_TEXEL * n_texels } else { 0.0 };
+    if options.normals {
+        cpu_seconds += SECONDS_PER_DIRECTION * n_texels + SECONDS_PER_NORMAL_TRIANGLE * n_in as f64;
+    }
+    if has_maps {
+        cpu_seconds += SECONDS_PER_FRAME_TRIANGLE * n_in as f64
+            + SECONDS_PER_NORMAL_PIXEL * palette.n_plain_pixels() as f64;
+    }
     Ok(BakeNeed {
         temp_bytes: original_bytes(original, memory_bytes) + on_disk,
-        page_bytes: (bytes_each * on_pages) as u64,
+        page_bytes: (canvases.iter().sum::<f64>() * on_page) as u64,
         n_texels: n_texels as u64,
         n_images: images.len() as u64,
         least_memory_bytes: taken + least,

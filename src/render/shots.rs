@@ -136,6 +136,12 @@ pub fn shots(
     for view in views {
         least = least.min(free_bytes(view, looks_bytes, resources)?);
     }
+    // Opacity means what it does in a new texture and in tiles.
+    let is_any_textured = views.iter().any(is_textured);
+    let palette = match materials.filter(|_| is_any_textured) {
+        Some(all) => Palette::settled(Some(all), Purpose::View, least / IMAGE_SHARE),
+        None => palette,
+    };
     let image_bytes = match palette.has_images() {
         true => {
             let all = palette.decoded_bytes().iter().sum::<u64>() + palette.decoder_bytes();
@@ -165,7 +171,7 @@ pub fn shots(
     progress.lose_all(palette.losses());
     source.clamped_colours().into_iter().for_each(|loss| progress.lose(loss));
     progress.lose_all(&images.losses());
-    progress.lose_all(&not_drawn(source, views.iter().any(is_textured)));
+    progress.lose_all(&not_drawn(source, is_any_textured));
     Ok(())
 }
 

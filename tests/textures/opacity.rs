@@ -250,3 +250,15 @@ fn texels_say_what_opacity_means_where_the_library_does_not() {
         }
     }
 }
+
+/// An image whose texels all have opacity 0 would leave nothing to be seen: pictures take it as opaque, as new textures do.
+#[test]
+fn pictures_take_opacity_as_new_textures_do() {
+    let folder = &scratch();
+    RgbaImage::from_pixel(16, 16, Rgba([200, 40, 0, 0])).save(folder.join("image.png")).unwrap();
+    sheet(folder, |x, y| format!("{x} {y}"), "newmtl only\nmap_Kd image.png\n");
+    let said = expect(folder, "render sheet.obj -o p.png --unlit --size 90x60", 0);
+    assert!(said.contains("image with opacity 0 everywhere"), "{said}");
+    let found = image::open(folder.join("p.png")).unwrap().to_rgb8();
+    assert_eq!(found.get_pixel(45, 30), &Rgb([200, 40, 0]));
+}

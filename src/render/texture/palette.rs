@@ -284,6 +284,15 @@ impl Palette {
         self.images[..self.n_images].iter().flatten().map(pixels).sum()
     }
 
+    /// Pixels of images that are normal maps and no JPEG, each counted once.
+    pub fn n_plain_pixels(&self) -> u64 {
+        let used: BTreeSet<usize> =
+            self.paints.iter().filter_map(|paint| Some(paint.normal.as_ref()?.image)).collect();
+        let pictures = used.into_iter().filter_map(|image| self.images[image].as_ref());
+        let pixels = |picture: &Picture| u64::from(picture.size[0]) * u64::from(picture.size[1]);
+        pictures.filter(|picture| !picture.is_jpeg).map(pixels).sum()
+    }
+
     /// Bytes of each image once it is decoded.
     pub fn decoded_bytes(&self) -> Vec<u64> {
         self.images.iter().flatten().map(Picture::bytes).collect()
