@@ -5,15 +5,12 @@
 
 use crate::ply::{FaceBlock, FullFace, MeshSource};
 use std::collections::HashMap;
+use stonecut_mesh::patches::LABEL_NAMES;
 use stonecut_mesh::property::{Property, Scalar, read_scalar, write_scalar};
 use stonecut_system::error::Result;
 
 /// Names of a wall's two labels.
 pub const SIDES: [&str; 2] = ["left", "right"];
-
-/// Names of properties that are labels of regions, where none is asked for.
-const NAMES: [&str; 8] =
-    ["label", "labels", "region", "region_id", "material", "material_id", "segment", "segment_id"];
 
 /// Place of the labels among the properties of a face.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -26,7 +23,7 @@ pub struct FaceLabels {
 impl FaceLabels {
     /// The labels that faces have: `left` and `right`, or a property of whole numbers with one of the usual names.
     pub fn of(source: &MeshSource) -> Option<FaceLabels> {
-        let usual = NAMES.iter().find_map(|name| Self::named(source, &[name]));
+        let usual = LABEL_NAMES.iter().find_map(|name| Self::named(source, &[name]));
         Self::named(source, &SIDES).or(usual)
     }
 

@@ -1,10 +1,10 @@
 //! Finds the labels of vertices that lie in patches, so that the kernel keeps their borders (`mesh::patches`); floats that are
-//! whole numbers in patches are labels, too.
+//! whole numbers in patches are labels, too. Measurements in whole numbers lie in bands and have no borders.
 //!
 //! Looks at some of the triangles; nothing is read where vertices have neither labels nor such floats. Changes nothing but the schema.
 
 use crate::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock, VertexRecords};
-use stonecut_mesh::patches::{PatchCount, WholeValues};
+use stonecut_mesh::patches::{LABEL_NAMES, NeighbourSteps, PatchCount, WholeValues};
 use stonecut_mesh::property::read_scalar;
 use stonecut_mesh::record::VertexSchema;
 use stonecut_system::error::Result;
@@ -51,10 +51,16 @@ pub fn survey_labels(source: &mut MeshSource, labels: &[String]) -> Result<()> {
     for (i, property) in schema.properties.iter().enumerate() {
         let end = at + property.scalar.bytes();
         if is_label[i] || may_be_label[i] {
-            let mut count = PatchCount::default();
+            let (mut count, mut steps) = (PatchCount::default(), NeighbourSteps::default());
             let value = |row: usize| &records[row * record_bytes..][at..end];
-            rows.iter().for_each(|row| count.add(row.map(value)));
-            is_patchy[i] = count.is_patchy(is_all);
+            for row in &rows {
+                let values = row.map(value);
+                count.add(values);
+                steps.add(values.map(|bytes| read_scalar(property.scalar, bytes, 0)));
+            }
+            let is_named =
+                labels.contains(&property.name) || LABEL_NAMES.contains(&property.name.as_str());
+            is_patchy[i] = count.is_patchy(is_all) && (is_named || !steps.are_small());
         }
         at = end;
     }

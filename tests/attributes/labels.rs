@@ -134,6 +134,27 @@ fn numbers_of_vertices_hold_nothing() {
     assert!(ids.iter().all(|id| id % 7 == 0) && ids.len() > 300, "{}", ids.len());
 }
 
+#[test]
+fn bands_of_a_measurement_hold_nothing() {
+    let at = &scratch();
+    let mesh = sphere(90);
+    let intensity = |v: usize| (100.0 + 10.0 * mesh.0[v][2]).round();
+    write(&at.join("bytes.ply"), &mesh, "uchar intensity", |v| vec![intensity(v) as u8]);
+    write(&at.join("floats.ply"), &mesh, "float intensity", |v| {
+        (intensity(v) as f32).to_le_bytes().to_vec()
+    });
+    write(&at.join("none.ply"), &mesh, "uchar intensity", |_| vec![0]);
+    let result = |name: &str, bytes: usize| {
+        expect(at, &format!("simplify {name}.ply out.ply --ratio 10% --force"), 0);
+        read(&at.join("out.ply"), bytes)
+    };
+    let ((points, _, faces), none) = (result("bytes", 1), result("none", 1));
+    assert_eq!((points, faces), (none.0, none.2), "chosen, but without borders");
+    let averaged =
+        |value: &Vec<u8>| f32::from_le_bytes(value[..].try_into().unwrap()).fract() != 0.0;
+    assert!(result("floats", 4).1.iter().any(averaged), "numbers, not labels");
+}
+
 /// Programs without other types write labels as floats: whole numbers in patches are labels, measurements are averaged.
 #[test]
 fn whole_floats_in_patches_are_labels() {

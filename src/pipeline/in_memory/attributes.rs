@@ -8,7 +8,7 @@ use super::regions::FaceRegions;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::codec::{ChannelKind, TEXTURE_NAMES, VertexCodec};
-use crate::mesh::patches::{PatchCount, WholeValues};
+use crate::mesh::patches::{LABEL_NAMES, NeighbourSteps, PatchCount, WholeValues};
 use crate::mesh::property::{MIDDLE_SAMPLE, Origin, Property, Scalar, middle_of, read_scalar};
 use crate::mesh::record::VertexSchema;
 use crate::system::parallel::in_blocks;
@@ -109,6 +109,7 @@ impl<'a> Attributes<'a> {
         let looked_at = |(i, _): &(usize, _)| is_label[*i] || may_be_label[*i];
         for (i, column) in self.columns.iter().enumerate().filter(looked_at) {
             let (mut count, mut whole) = (PatchCount::default(), WholeValues::default());
+            let mut steps = NeighbourSteps::default();
             let scalar = column.property.scalar;
             for t in triangles.iter().step_by(step) {
                 let values = t.map(|v| {
@@ -116,13 +117,19 @@ impl<'a> Attributes<'a> {
                     column.bytes.get(at..at + scalar.bytes())
                 });
                 count.add(values);
-                if may_be_label[i] {
-                    let numbers = values.into_iter().flatten();
-                    numbers.for_each(|bytes| whole.add(read_scalar(scalar, bytes, 0)));
+                let number = |bytes: Option<&[u8]>| bytes.map(|b| read_scalar(scalar, b, 0));
+                if let [Some(a), Some(b), Some(c)] = values.map(number) {
+                    steps.add([a, b, c]);
+                    if may_be_label[i] {
+                        [a, b, c].into_iter().for_each(|value| whole.add(value));
+                    }
                 }
             }
             let is_one = is_label[i] || whole.are_labels();
-            schema.properties[i].is_patchy = is_one && count.is_patchy(step == 1);
+            let name = &column.property.name;
+            let is_named = self.labels.contains(name) || LABEL_NAMES.contains(&name.as_str());
+            let has_borders = is_named || !steps.are_small();
+            schema.properties[i].is_patchy = is_one && has_borders && count.is_patchy(step == 1);
         }
         *codec = schema.kernel_codec(&self.labels);
         self.channel_kinds = codec.channel_kinds(schema);
