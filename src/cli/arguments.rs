@@ -112,6 +112,10 @@ pub(crate) fn job_folder(output: &Path, temp_dir: Option<&Path>) -> crate::Resul
             return Err(Error::Usage(format!("{} names no file to write", output.display())));
         }
     };
+    if output == std::path::Path::new("-") {
+        // A stream is not written again: the folder is the run's own, beside those of other pipelines.
+        name.push(format!(".{}", std::process::id()));
+    }
     let beside = folder_of(output);
     let folder = temp_dir.unwrap_or(beside);
     let real = |folder: &Path| folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());

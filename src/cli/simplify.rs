@@ -26,6 +26,7 @@ use crate::kernel;
 use crate::mesh::attribute_weights::Weights;
 use crate::pipeline;
 use crate::stages::stitch::MAX_CELL_TRIANGLES;
+use crate::store::job::remove_job;
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::Seen;
 use serde_json::json;
@@ -215,7 +216,7 @@ impl Args {
             threads: super::arguments::threads(self.threads),
             cell_triangles: self.cell_triangles,
             job_folder: self.job_folder()?,
-            job: self.job,
+            job: JobOptions { restart: self.job.restart || self.is_stream(), ..self.job },
             checks: self.checks.clone(),
             format: self.solid.format(self.format, &output),
             skip_bad: self.skip_bad,
@@ -277,6 +278,10 @@ impl Args {
 impl Args {
     /// Refuses options that do not go with each other.
     fn check_conflicts(&self) -> Result<()> {
+        if self.is_stream() && self.job.until.is_some() {
+            let what = "--until: a run to standard output is not continued; give OUTPUT the name of a file";
+            return Err(Error::Usage(what.to_owned()));
+        }
         use Mode::{
             Closing, Joining, Map, Method as Other, Optimize, Pages, Pairs, Progressive, Seams,
         };
@@ -400,7 +405,7 @@ impl Command for Args {
     }
 
     fn offers(&self) -> Offers {
-        Offers { resumes: true, temp_dir: true }
+        Offers { resumes: !self.is_stream(), temp_dir: true }
     }
 
     fn done_before(&self) -> Option<(u8, String)> {
@@ -416,6 +421,21 @@ impl Command for Args {
     }
 
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        let end = self.simplify(session);
+        if end.is_err() && self.is_stream() {
+            remove_job(&self.job_folder()?);
+        }
+        end
+    }
+}
+
+impl Args {
+    /// True if the output is standard output: no other run goes on with its job.
+    fn is_stream(&self) -> bool {
+        self.paths.output == Path::new("-")
+    }
+
+    fn simplify(&self, session: &mut Session) -> Result<CommandEnd> {
         let report_to = self.report.as_deref().map(Seen::new);
         let receipt = self.receipt.begin()?;
         let config = self.config()?;

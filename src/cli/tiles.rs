@@ -13,6 +13,7 @@ use crate::error::{Offers, Result};
 use crate::io::Weld;
 use crate::io::globe::{Crs, east_north_up, east_north_up_of};
 use crate::io::sidecars::Georeference;
+use crate::mesh::placing::Degrees;
 use crate::pipeline::tiles::report::TilesReport;
 use crate::pipeline::tiles::{
     Finest, PreparedTiles, TILE_TRIANGLES, TileTexture, TilesConfig, make_tiles, prepare_tiles,
@@ -191,6 +192,8 @@ fn take_place(
     let found = found.filter(|_| typed != Some(&TypedCrs::None));
     if let Some(TypedCrs::Code(code)) = typed {
         config.crs = Some(code.clone());
+        // Degrees that have become metres are told with the losses.
+        let found = found.filter(|found| !found.crs.starts_with("ENU:"));
         return found.map(|found| format!("place     {code}, with {}", found.words()));
     }
     let found = found?;
@@ -206,6 +209,12 @@ fn take_place(
 }
 
 impl Args {
+    /// The system that was typed; none with a transform.
+    fn typed_crs(&self) -> Option<&TypedCrs> {
+        let is_placed = self.geo.is_some() || self.transform.is_some();
+        if is_placed { Some(&TypedCrs::None) } else { self.crs.as_ref() }
+    }
+
     /// Turns the options that were typed into decided settings.
     pub(super) fn config(&self) -> Result<TilesConfig> {
         let default = TilesConfig::new(&self.paths.input, &self.paths.output);
@@ -213,6 +222,13 @@ impl Args {
             (Some(Geo(place)), _) => east_north_up(place),
             (None, Some(TypedTransform(matrix))) => matrix,
             (None, None) => default.transform,
+        };
+        let mut placing = self.moves.of_tiles(self.up)?;
+        let is_y_up = self.up.map(|up| up == Up::Y);
+        placing.degrees = match self.typed_crs() {
+            Some(TypedCrs::None) => Degrees::Kept,
+            Some(TypedCrs::Code(code)) => Degrees::Metres { system: Some(code.clone()), is_y_up },
+            None => Degrees::Metres { system: None, is_y_up },
         };
         Ok(TilesConfig {
             tile_triangles: self.tile_triangles,
@@ -229,7 +245,7 @@ impl Args {
             pixels: self.pixels,
             packs: self.compress == Compress::Meshopt,
             is_z_up: self.up != Some(Up::Y),
-            placing: self.moves.of_tiles(self.up)?,
+            placing,
             transform,
             viewer: self.viewer,
             memory_bytes: memory_budget(self.memory),
@@ -249,8 +265,7 @@ impl Args {
         &self,
         mut config: TilesConfig,
     ) -> Result<(PreparedTiles, TilesConfig, Option<String>)> {
-        let is_placed = self.geo.is_some() || self.transform.is_some();
-        let typed = if is_placed { Some(&TypedCrs::None) } else { self.crs.as_ref() };
+        let typed = self.typed_crs();
         let prepared = prepare_tiles(&config)?;
         let place = take_place(prepared.source.georeference(), typed, &mut config);
         // glTF has y upwards by its standard.

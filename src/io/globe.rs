@@ -3,11 +3,15 @@
 //! Projections are those of `proj4rs`, definitions those of `crs-definitions`. Only methods that were compared with PROJ are taken
 //! (`tools/epsg_codes.py`, docs/results/inputs.md). Shifts between datums have three or seven parameters; grids are not read.
 
-use crate::heights::Heights;
+use crate::heights::{Heights, unit_of_maps, value_in};
 use proj4rs::Proj;
 use proj4rs::transform::transform;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::vec3::{length_sq, sub};
+use stonecut_system::losses::{Loss, LossKind};
+
+/// Distances from the true place, in metres, that are not worth a line.
+const SMALL_BEND: f64 = 0.01;
 
 /// Methods of projection that agree with PROJ.
 const METHODS: [&str; 11] = [
@@ -24,6 +28,14 @@ const SHIFTS: [(&str, &str); 2] = [
     ),
 ];
 
+/// Methods whose unit is one on the earth within a share where they are meant for: zones of transverse Mercator are off by 0.005 at
+/// twice their width, the conic of Canada by 0.08 in the north.
+const SCALES: [(&str, f64); 5] =
+    [("utm", 0.03), ("tmerc", 0.03), ("somerc", 0.03), ("sterea", 0.03), ("lcc", 0.1)];
+
+/// Nothing that is scanned lies higher or deeper, in metres.
+const HIGH: f64 = 100_000.0;
+
 /// A coordinate reference system.
 pub struct Crs {
     code: u16,
@@ -34,6 +46,8 @@ pub struct Crs {
     to: Proj,
     is_geocentric: bool,
     has_shift: bool,
+    /// Metres of a unit of x and y, and by how much of them it may be off where the system is meant for, with y to the north.
+    scale: Option<(f64, f64)>,
 }
 
 /// The map from a mesh to the earth near a place.
@@ -43,6 +57,19 @@ pub struct EarthFrame {
     pub map: [f64; 16],
     /// The largest distance between that map and the system itself in the box of the mesh, in metres: the earth is round.
     pub bend: f64,
+    /// The middle as latitude and longitude, if the system is not meant for there.
+    pub astray: Option<[f64; 2]>,
+}
+
+/// Metres east and north of the middle of a mesh in degrees.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LocalMetres {
+    /// Their place, `ENU:LAT,LON`.
+    pub place: String,
+    /// From coordinates of the mesh, which count from its offset, to them; by columns.
+    pub map: [f64; 16],
+    /// Remarks on the place.
+    pub said: Vec<Loss>,
 }
 
 impl Crs {
@@ -64,8 +91,7 @@ impl Crs {
         for (old, new) in SHIFTS {
             definition = definition.replace(old, new);
         }
-        let value =
-            |key: &str| definition.split(key).nth(1).and_then(|rest| rest.split(' ').next());
+        let value = |key: &str| value_in(&definition, key);
         let method = value("+proj=").unwrap_or_default();
         if !METHODS.contains(&method) {
             return Err(fail(&format!("its projection '{method}' is not read")));
@@ -89,7 +115,10 @@ impl Crs {
         let from =
             parse(&definition).map_err(|e| fail(&format!("its definition is not read ({e})")))?;
         let to = parse("+proj=longlat +datum=WGS84 +no_defs").map_err(|e| fail(&e.to_string()))?;
-        Ok(Crs { code, vertical, heights, from, to, is_geocentric, has_shift })
+        let known =
+            SCALES.iter().find(|(known, _)| *known == method && !definition.contains("+axis="));
+        let scale = known.map(|(_, within)| (unit_of_maps(&definition), *within));
+        Ok(Crs { code, vertical, heights, from, to, is_geocentric, has_shift, scale })
     }
 
     /// `EPSG:n`, or `EPSG:n+m` with a system of heights.
@@ -97,14 +126,72 @@ impl Crs {
         epsg_name(self.code, self.vertical)
     }
 
-    /// A remark on how heights are taken, if there is something to say.
-    pub fn heights_note(&self) -> Option<&'static str> {
-        self.heights.note()
+    /// True if x and y are degrees.
+    pub fn is_geographic(&self) -> bool {
+        self.from.is_latlong()
     }
 
-    /// Returns whether the datum is another than that of the earth's centre, so that places are known to a metre or some.
-    pub fn has_shift(&self) -> bool {
-        self.has_shift
+    /// Remarks on a tree that a frame puts on the earth.
+    pub fn remarks(&self, frame: &EarthFrame) -> Vec<Loss> {
+        let say = |what: &str, why: &str| Loss::new(LossKind::Precision, what, why).notice();
+        let mut said = Vec::new();
+        said.extend(self.heights.note().map(|note| say("heights", note).example(self.name())));
+        if let Some([latitude, longitude]) = frame.astray {
+            let why = format!(
+                "latitude {latitude:.2}, longitude {longitude:.2}, far from where {} is meant for: is it the system of these \
+                 coordinates?",
+                self.name()
+            );
+            said.push(say("places on the globe", &why));
+        }
+        if frame.bend > SMALL_BEND {
+            let bend = frame.bend;
+            let why =
+                format!("the earth is round, the tree is not: up to {bend:.2} m at its corners");
+            said.push(say("places on the globe", &why));
+        }
+        if self.has_shift {
+            let why = format!(
+                "the datum of {} is shifted without a grid: by a metre or some",
+                self.name()
+            );
+            said.push(say("places on the globe", &why));
+        }
+        said
+    }
+
+    /// Degrees as metres: the map that fits best at the middle of a mesh, along its axes, whose coordinates count from `offset`.
+    /// Heights stay above the ellipsoid, in metres.
+    pub fn local(
+        &self,
+        bounds: &Bounds,
+        offset: [f64; 3],
+        is_y_up: bool,
+    ) -> Result<LocalMetres, String> {
+        let up = |[x, y, z]: [f64; 3]| if is_y_up { [x, 0.0 - z, y] } else { [x, y, z] };
+        let (bounds, offset) = (bounds.map(up), up(offset));
+        let frame = self.frame(&bounds, offset)?;
+        let middle = bounds.middle();
+        let at = [0, 1, 2].map(|k| middle[k] + offset[k]);
+        let [latitude, longitude, _] = self.geographic(at).unwrap_or_default();
+        let length = |axis: usize| {
+            let column = &frame.map[4 * axis..4 * axis + 3];
+            column.iter().map(|x| x * x).sum::<f64>().sqrt()
+        };
+        let metres = [0, 1, 2].map(length);
+        let shift = [-middle[0], -middle[1], offset[2]];
+        let mut map = [0.0; 16];
+        map[15] = 1.0;
+        for (k, axis) in (0..3).map(|k| (k, if is_y_up { [0, 2, 1][k] } else { k })) {
+            let sign = if is_y_up && k == 1 { -1.0 } else { 1.0 };
+            map[5 * axis] = metres[k];
+            map[12 + axis] = sign * metres[k] * shift[k];
+        }
+        Ok(LocalMetres {
+            place: format!("ENU:{latitude},{longitude}"),
+            map,
+            said: self.remarks(&frame),
+        })
     }
 
     /// Latitude and longitude in degrees, and the height above the ellipsoid of WGS 84 (metres), of a place; x is east or
@@ -112,7 +199,10 @@ impl Crs {
     /// of the projection.
     pub fn geographic(&self, [x, y, z]: [f64; 3]) -> Option<[f64; 3]> {
         let z = z * self.heights.metres();
-        let is_angle = self.from.is_latlong();
+        let is_angle = self.is_geographic();
+        if is_angle && !(x.abs() <= 360.0 && y.abs() <= 90.0) {
+            return None;
+        }
         let mut place = if is_angle { (x.to_radians(), y.to_radians(), z) } else { (x, y, z) };
         transform(&self.from, &self.to, &mut place).ok()?;
         let height = if self.is_geocentric { place.2 } else { z };
@@ -136,8 +226,13 @@ impl Crs {
             self.geocentric(place).ok_or_else(|| {
                 let [x, y, z] = place;
                 format!(
-                    "{}: the place {x} {y} {z} of the mesh lies outside of this system",
-                    self.name()
+                    "{}: the place {x} {y} {z} of the mesh lies outside of this system{}",
+                    self.name(),
+                    if self.is_geographic() {
+                        ", which has degrees: x is east, y north"
+                    } else {
+                        ""
+                    }
                 )
             })
         };
@@ -170,7 +265,17 @@ impl Crs {
             });
             bend = bend.max(length_sq(sub(world(p)?, mapped)).sqrt());
         }
-        Ok(EarthFrame { map, bend })
+        let place = [0, 1, 2].map(|k| middle[k] + offset[k]);
+        let [latitude, longitude, height] = self.geographic(place).unwrap_or_default();
+        let north = &east_north_up([latitude, longitude, height])[4..7];
+        let column = |axis: usize| &map[4 * axis..4 * axis + 3];
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+        let is_true = self.scale.is_none_or(|(unit, within)| {
+            let off = |axis: usize| (dot(column(axis), column(axis)).sqrt() / unit - 1.0).abs();
+            off(0) < within && off(1) < within && dot(column(1), north) > 0.0
+        });
+        let is_there = is_true && height.abs() < HIGH;
+        Ok(EarthFrame { map, bend, astray: (!is_there).then_some([latitude, longitude]) })
     }
 }
 
@@ -311,10 +416,10 @@ mod tests {
             let found = crs.geographic([980_000.0, 200_000.0, 10.0]).unwrap();
             assert!((found[0] - 40.715_629_477_243_67).abs() < 1e-8, "{found:?}");
             assert!((found[2] - height).abs() < 1e-9, "{code} {found:?}");
-            assert!(crs.heights_note().is_some(), "{code}");
+            assert!(crs.heights.note().is_some(), "{code}");
         }
-        assert!(Crs::of("EPSG:32633").unwrap().heights_note().is_none());
-        assert!(Crs::of("EPSG:5555").unwrap().heights_note().is_some());
+        assert!(Crs::of("EPSG:32633").unwrap().heights.note().is_none());
+        assert!(Crs::of("EPSG:5555").unwrap().heights.note().is_some());
     }
 
     #[test]
@@ -337,6 +442,25 @@ mod tests {
     }
 
     #[test]
+    fn coordinates_of_another_system_are_noticed() {
+        let astray = |code: &str, place: [f64; 3]| {
+            let bounds = Bounds { low: place, high: place.map(|x| x + 10.0) };
+            Crs::of(code).unwrap().frame(&bounds, [0.0; 3]).unwrap().astray.is_some()
+        };
+        let in_utm = [500_250.0, 5_200_200.0, 400.0];
+        for code in ["EPSG:2056", "EPSG:27700", "EPSG:28992", "EPSG:4978"] {
+            assert!(astray(code, in_utm), "{code}");
+        }
+        assert!(astray("EPSG:25832", [2_600_000.0, 1_200_000.0, 400.0]));
+        assert!(!astray("EPSG:4978", from_centre([47.0, 9.0, 400.0])));
+        for (code, place, _) in OF_PROJ {
+            assert!(!astray(code, place), "{code}");
+        }
+        assert!(!astray("EPSG:2263+6360", [980_000.0, 200_000.0, 10.0]));
+        assert!(!astray("EPSG:3413", [-500_000.0, -2_000_000.0, 0.0]));
+    }
+
+    #[test]
     fn what_is_not_known_is_refused_with_the_way_out() {
         for (code, words) in [
             ("WGS84", "EPSG and a number"),
@@ -353,8 +477,8 @@ mod tests {
         assert_eq!(codes_of("urn:ogc:def:crs:EPSG::25832"), Some((25832, None)));
         assert_eq!(codes_of("EPSG:25832+7837"), Some((25832, Some(7837))));
         assert_eq!(codes_of("EPSG:25832+x"), None);
-        assert!(Crs::of("EPSG:27700").unwrap().has_shift());
-        assert!(!Crs::of("EPSG:25832").unwrap().has_shift());
+        assert!(Crs::of("EPSG:27700").unwrap().has_shift);
+        assert!(!Crs::of("EPSG:25832").unwrap().has_shift);
     }
 
     #[test]

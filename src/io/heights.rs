@@ -38,6 +38,25 @@ const IN_FEET: [(u16, f64); 9] = [
     (8228, FOOT),
 ];
 
+/// The value of a word of a definition.
+pub(crate) fn value_in<'a>(definition: &'a str, key: &str) -> Option<&'a str> {
+    definition.split(key).nth(1).and_then(|rest| rest.split(' ').next())
+}
+
+fn metres(unit: &str) -> f64 {
+    match unit {
+        "us-ft" => US_FOOT,
+        "ft" => FOOT,
+        _ => 1.0,
+    }
+}
+
+/// Metres of the unit of x and y in a definition in words of PROJ.
+pub(crate) fn unit_of_maps(definition: &str) -> f64 {
+    let to_metre = value_in(definition, "+to_meter=").and_then(|number| number.parse().ok());
+    to_metre.unwrap_or_else(|| metres(value_in(definition, "+units=").unwrap_or("m")))
+}
+
 /// The heights of a coordinate reference system.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Heights {
@@ -65,19 +84,12 @@ impl Heights {
 
     /// Those of a definition in words of PROJ: `+vunits` where it has heights, else metres.
     pub(crate) fn of_definition(definition: &str) -> Heights {
-        let value =
-            |key: &str| definition.split(key).nth(1).and_then(|rest| rest.split(' ').next());
-        let metres = |unit: &str| match unit {
-            "us-ft" => US_FOOT,
-            "ft" => FOOT,
-            _ => 1.0,
-        };
+        let value = |key: &str| value_in(definition, key);
         if let Some(unit) = value("+vunits=") {
             return Heights { metres: metres(unit), note: Some(ABOVE_SEA) };
         }
-        let to_metre = value("+to_meter=").and_then(|number| number.parse().ok());
-        let of_maps: f64 = to_metre.unwrap_or_else(|| metres(value("+units=").unwrap_or("m")));
-        Heights { metres: 1.0, note: ((of_maps - 1.0).abs() > 0.01).then_some(OF_FEET) }
+        let is_other = (unit_of_maps(definition) - 1.0).abs() > 0.01;
+        Heights { metres: 1.0, note: is_other.then_some(OF_FEET) }
     }
 
     /// Metres of a unit.

@@ -6,6 +6,7 @@
 mod borders;
 mod by_material;
 mod containers;
+mod degrees;
 mod duplicates;
 mod encodings;
 mod expected_size;
@@ -43,6 +44,7 @@ mod wedges;
 mod weld;
 mod wkt;
 
+pub use degrees::degrees_remark;
 pub use duplicates::{DuplicateFinder, Duplicates};
 pub use expected_size::{Expected, expected_bytes, refuse_too_large};
 pub use external_sort::{ExternalSort, halves, whole};

@@ -105,9 +105,10 @@ impl Rounding {
         }
     }
 
-    /// True if the surface becomes stairs: a step is half as long as the mean edge.
+    /// True if the surface becomes stairs: a step is half as long as the mean edge, or most triangles are thinner than one.
     pub(super) fn is_ruinous(&self) -> bool {
-        self.n_edges > 0 && 2.0 * self.step() >= self.edges / self.n_edges as f64
+        let is_long = 2.0 * self.step() < self.edges / self.n_edges as f64;
+        self.n_edges > 0 && !(is_long && 6 * self.n_thin <= self.n_edges)
     }
 
     /// A line on the rounding, if it is more than a thousandth of the mean edge, or many triangles are thinner than it.
@@ -121,7 +122,8 @@ impl Rounding {
         let thin = match is_thin {
             true => {
                 let percent = 300.0 * self.n_thin as f64 / self.n_edges as f64;
-                format!(" ({percent:.0} % of the triangles are thinner)")
+                let fate = if self.is_ruinous() { ": they lose their shape" } else { "" };
+                format!(" ({percent:.0} % of the triangles are thinner{fate})")
             }
             false => String::new(),
         };

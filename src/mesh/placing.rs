@@ -11,6 +11,21 @@ pub const Y_TO_Z: [f64; 16] = [1., 0., 0., 0., 0., 0., 1., 0., 0., -1., 0., 0., 
 /// Turns z upwards into y upwards, by columns.
 pub const Z_TO_Y: [f64; 16] = [1., 0., 0., 0., 0., 0., -1., 0., 0., 1., 0., 0., 0., 0., 0., 1.];
 
+/// Fate of coordinates in degrees.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Degrees {
+    /// They stay.
+    #[default]
+    Kept,
+    /// They become metres east and north of their middle.
+    Metres {
+        /// The system that was typed; `None` for the one that the mesh names.
+        system: Option<String>,
+        /// The axis that points upwards; `None` for that of the format.
+        is_y_up: Option<bool>,
+    },
+}
+
 /// An affine map of the input, and whether its coordinates are then counted from near its middle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placing {
@@ -25,6 +40,8 @@ pub struct Placing {
     pub keeps_axes: Option<bool>,
     /// A shift of a mesh that is turned after all else (tiles): it comes last, and has z upwards. `settled` takes it in.
     pub upright_shift: Option<[f64; 3]>,
+    /// Fate of coordinates in degrees, after all else but the recentring. Changes nothing where a system has none.
+    pub degrees: Degrees,
 }
 
 impl Default for Placing {
@@ -35,6 +52,7 @@ impl Default for Placing {
             turns_up: false,
             keeps_axes: None,
             upright_shift: None,
+            degrees: Degrees::Kept,
         }
     }
 }

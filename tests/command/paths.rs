@@ -413,6 +413,23 @@ fn a_pipe_that_is_closed_ends_the_command_without_a_word() {
     assert!(expect(at, "status .", 4).contains("there is no such job"));
 }
 
+#[test]
+fn pipelines_side_by_side_leave_nothing_behind() {
+    let at = &scratch();
+    expect(at, "synth terrain in.ply --triangles 60k", 0);
+    let command = "simplify in.ply - --ratio 90% --cell-triangles 5k -q";
+    let mut both = [start(at, command), start(at, command)];
+    drop(both[0].stdout.take());
+    let [closed, open] = both.map(|child| child.wait_with_output().unwrap());
+    assert_eq!(closed.status.code(), Some(141), "{closed:?}");
+    assert_eq!(open.status.code(), Some(0), "{}", String::from_utf8_lossy(&open.stderr));
+    assert!(open.stdout.starts_with(b"ply"));
+    let names = std::fs::read_dir(at).unwrap().map(|entry| entry.unwrap().file_name());
+    assert_eq!(names.collect::<Vec<_>>(), ["in.ply"]);
+    let said = expect(at, "simplify in.ply - --ratio 50% --until partition", 2);
+    assert!(said.contains("standard output is not continued"), "{said}");
+}
+
 /// What only the end of the work would notice is refused before it begins.
 #[test]
 fn pictures_in_the_way_and_no_samples_are_refused_before_any_work() {

@@ -52,6 +52,19 @@ fn every_cut_of_a_closed_mesh_is_closed() {
 }
 
 #[test]
+fn a_box_beside_the_tree_is_refused_with_the_place_of_both() {
+    let folder = scratch();
+    let path = &folder;
+    expect(path, "synth terrain in.ply --triangles 2k", 0);
+    expect(path, "tiles in.ply out --scale 100 --translate 500000,5200000,0 --recentre", 0);
+    let inside = "--inside 500000,5200000,-100,500001,5200001,900 --max-error-inside 1e6";
+    let said = expect(path, &format!("extract out x.ply --max-error 1e6 {inside}"), 2);
+    assert!(said.contains("meets no tile of the tree, which lies in "), "{said}");
+    let own = said.split("the box is ").nth(1).unwrap().trim();
+    expect(path, &format!("extract out x.ply --max-error 1e6 {own} --max-error-inside 1e6"), 0);
+}
+
+#[test]
 fn a_box_is_fine_and_the_rest_coarse() {
     let folder = statue();
     let path = folder.path();

@@ -210,3 +210,68 @@ fn an_offset_that_is_not_understood_is_named() {
     let said = expect(folder, "tiles m.ply t --force", 0);
     assert!(said.contains("EPSG:25832, offset 412000.5 5621000 50"), "{said}");
 }
+
+/// Degrees and metres of one length would leave a line of the terrain.
+#[test]
+fn a_terrain_in_degrees_stands_on_the_earth_in_metres() {
+    let folder = &scratch();
+    let n = 10;
+    let at = |k: usize| 1e-3 * (k as f64 / n as f64 - 0.5);
+    let mut text = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\n\
+         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        (n + 1) * (n + 1),
+        2 * n * n
+    );
+    for (i, j) in (0..=n).flat_map(|i| (0..=n).map(move |j| (i, j))) {
+        text += &format!("{} {} {}\n", 9.0 + at(j), 47.0 + at(i), 450 + 5 * ((7 * i + 3 * j) % 10));
+    }
+    for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
+        let a = i * (n + 1) + j;
+        let b = a + n + 1;
+        text += &format!("3 {a} {} {}\n3 {a} {} {b}\n", a + 1, b + 1, b + 1);
+    }
+    std::fs::write(folder.join("deg.ply"), &text).unwrap();
+    expect(folder, "convert deg.ply y.glb --up z --format float", 0);
+    expect(folder, "convert deg.ply named.ply", 0);
+    std::fs::write(folder.join("named.prj"), "GEOGCS[\"WGS 84\",AUTHORITY[\"EPSG\",\"4326\"]]")
+        .unwrap();
+    // Of pyproj 3.7.2: the place itself, and half a thousandth of a degree along each axis, 472.5 m up.
+    let centre = [4_304_355.6, 681_743.0, 4_642_110.4];
+    let half = [38.031, 55.589, 22.5];
+    for (input, options) in [
+        ("deg.ply", "--crs EPSG:4326"),
+        ("deg.ply", "--crs EPSG:4326 --recentre"),
+        ("named.ply", ""),
+        ("y.glb", "--crs EPSG:4326"),
+    ] {
+        let said = expect(folder, &format!("tiles {input} t {options} --force"), 0);
+        assert!(said.contains("degrees of EPSG:4326 become metres east and north"), "{said}");
+        let set = tileset(folder, "t");
+        let (sides, found) = (half_sides(&set), middle(&set));
+        // Floats have steps of degrees.
+        let most = if input == "y.glb" { 0.3 } else { 0.02 };
+        for k in 0..3 {
+            assert!((sides[k] - half[k]).abs() < most, "{input}: {sides:?}");
+            assert!((found[k] - centre[k]).abs() < 10.0 * most + 0.2, "{input}: {found:?}");
+        }
+        expect(folder, "extract t x.ply --max-error 1 --force", 0);
+    }
+    // Not on the earth, they stay, and no tree is whole then.
+    for (command, code) in [
+        ("tiles deg.ply t --force", 3),
+        ("tiles deg.ply t --crs EPSG:32632 --force", 3),
+        ("tiles named.ply t --crs none --force", 3),
+        ("convert deg.ply x.glb", 3),
+        ("simplify deg.ply x.ply --ratio 50% --force", 0),
+        ("simplify named.ply x.ply --ratio 50% --force", 0),
+    ] {
+        let said = expect(folder, command, code);
+        assert!(
+            said.contains("degrees") && said.contains("--transform 7606") || code == 3,
+            "{said}"
+        );
+    }
+    let said = expect(folder, "tiles deg.ply t --crs EPSG:4326 --translate 0,50,0 --force", 4);
+    assert!(said.contains("outside of this system, which has degrees"), "{said}");
+}

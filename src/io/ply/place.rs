@@ -5,11 +5,12 @@ use super::placed::Placed;
 use super::raw::Spool;
 use super::source::MeshSource;
 use super::{FaceBlock, VertexBlock};
-use crate::sidecars::{CRS, Georeference, LIES_AT, UNKNOWN, crs_in, lost_axes};
+use crate::globe::Crs;
+use crate::sidecars::{CRS, Georeference, LIES_AT, UNKNOWN, crs_in, crs_of, lost_axes};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use stonecut_mesh::bounds::Bounds;
-use stonecut_mesh::placing::{Placing, SUBTRACTED, offset_in, offset_of, offset_words};
+use stonecut_mesh::placing::{Degrees, Placing, SUBTRACTED, offset_in, offset_of, offset_words};
 use stonecut_system::error::Result;
 use stonecut_system::losses::Loss;
 
@@ -30,11 +31,13 @@ impl MeshSource {
     pub fn place(&mut self, placing: &Placing) -> Result<()> {
         let placing = &placing.settled(self.file_format() == "glTF");
         self.note_axes(placing);
-        if placing.is_none() {
+        let in_degrees = self.in_degrees(placing);
+        if placing.is_none() && in_degrees.is_none() {
             return Ok(());
         }
         let schema = self.schema().clone();
-        let used = if placing.recentres { self.used_vertices()? } else { Vec::new() };
+        let needs_used = placing.recentres || in_degrees.is_some();
+        let used = if needs_used { self.used_vertices()? } else { Vec::new() };
         let is_used =
             |v: u64| used.get((v / 64) as usize).is_none_or(|bits| bits >> (v % 64) & 1 == 1);
         let mut bounds = Bounds::EMPTY;
@@ -44,13 +47,41 @@ impl MeshSource {
             }
             Ok(())
         })?;
-        let Some(placed) = Placed::new(placing, schema, &bounds, self.comments()) else {
+        let (mut placing, mut comments) = (placing.clone(), self.comments().to_vec());
+        if let (Some((crs, is_y_up)), false) = (in_degrees, bounds.is_empty()) {
+            let offset = offset_in(&comments).unwrap_or_default();
+            let offset = placing.vector(offset).unwrap_or(offset);
+            let found = crs.local(&bounds, offset, is_y_up).map_err(|what| {
+                let advice = "give the code that its coordinates are of, and --translate or a file beside it for an offset";
+                self.file.bad(format!("{what}; {advice}"))
+            })?;
+            placing.then(&found.map);
+            let mut to_metres = Placing::default();
+            to_metres.then(&found.map);
+            bounds = bounds.map(|corner| to_metres.point(corner));
+            comments.retain(|line| offset_of(line).is_none() && crs_of(line).is_none());
+            comments.push(format!("{CRS}{}", found.place));
+            let what =
+                format!("degrees of {} become metres east and north of the middle", crs.name());
+            self.note(Loss::remark(what));
+            found.said.into_iter().for_each(|loss| self.staged.losses.lose(loss));
+        }
+        let placing = &placing;
+        let Some(placed) = Placed::new(placing, schema, &bounds, &comments) else {
             return Err(self.file.bad(
                 "its coordinates are not finite once it is placed; give a smaller --scale, --translate or --transform",
             ));
         };
         self.placed = Some(placed);
         Ok(())
+    }
+
+    /// The system of degrees that become metres, and whether y points upwards.
+    fn in_degrees(&self, placing: &Placing) -> Option<(Crs, bool)> {
+        let Degrees::Metres { system, is_y_up } = &placing.degrees else { return None };
+        let system = system.clone().or_else(|| crs_in(self.comments()))?;
+        let crs = Crs::of(&system).ok().filter(Crs::is_geographic)?;
+        Some((crs, is_y_up.unwrap_or(self.file_format() == "glTF")))
     }
 
     /// A bit for each vertex that a face uses; empty where there are no faces. Reads all faces.

@@ -93,6 +93,9 @@ fn run(config: &ExtractConfig, progress: &Progress) -> Result<Extracted> {
         let local = |p: [f64; 3]| [0, 1, 2].map(|k| p[k] - tree.origin[k]);
         (Bounds { low: local(low), high: local(high) }, most)
     });
+    if let (Some((bounds, _)), Some((corners, _))) = (&inside, config.inside) {
+        tree.require_touched(bounds, corners).map_err(Error::Usage)?;
+    }
     let (cut, target) = choose(&tree, config.wanted, inside)?;
     if cut.tiles.is_empty() {
         return Err(Error::bad_input(&config.tiles, "has no tile with triangles"));

@@ -9,7 +9,7 @@ use crate::io::TileScalar;
 use crate::io::sidecars::crs_in;
 use crate::io::tileset::{FILE_NAME, MOST_FILE_BYTES, Tile, Volume, read_tileset, resolve};
 use crate::mesh::bounds::Bounds;
-use crate::mesh::placing::offset_comment;
+use crate::mesh::placing::{offset_comment, offset_in};
 use crate::system::disk::read_regular;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -143,6 +143,33 @@ impl Tree {
         }
         tree.nodes = nodes;
         Ok(tree)
+    }
+
+    /// Refuses, in words, a box that meets no tile; `bounds` has its `corners` from the origin of the lattice.
+    pub(super) fn require_touched(
+        &self,
+        bounds: &Bounds,
+        corners: [[f64; 3]; 2],
+    ) -> std::result::Result<(), String> {
+        let tiles = || self.nodes.iter().filter(|node| node.content.is_some());
+        if tiles().any(|node| node.bounds.touches(bounds)) {
+            return Ok(());
+        }
+        let whole = tiles().fold(Bounds::EMPTY, |whole, node| whole.joined(&node.bounds));
+        let moved = |p: [f64; 3], by: [f64; 3]| [0, 1, 2].map(|k| p[k] + by[k]);
+        let words = |[low, high]: [[f64; 3]; 2]| {
+            [low, high].as_flattened().iter().map(f64::to_string).collect::<Vec<_>>().join(",")
+        };
+        let all = words(whole.map(|corner| moved(corner, self.origin)).into());
+        let hint = offset_in(&self.comments).map_or_else(String::new, |offset| {
+            let own = corners.map(|corner| moved(corner, offset.map(|x| -x)));
+            let [x, y, z] = offset;
+            format!(
+                "; its coordinates count from an offset of {x} {y} {z}, without which the box is --inside {}",
+                words(own)
+            )
+        });
+        Err(format!("--inside: the box meets no tile of the tree, which lies in {all}{hint}"))
     }
 
     /// The coarsest cut that keeps within the allowed distances.

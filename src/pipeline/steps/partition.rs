@@ -3,6 +3,7 @@
 use super::{Ended, Left, RunStep, SimplifyRun};
 use crate::config::{Config, MinComponent, Target, Texture, Until};
 use crate::error::{Error, Result};
+use crate::io::degrees_remark;
 use crate::io::ply::{OutputHeader, PlyWriter};
 use crate::mesh::bounds::Bounds;
 use crate::mesh::global_vertex::GlobalVertex;
@@ -27,7 +28,9 @@ impl SimplifyRun<'_> {
         self.kernel.close = self.config.close.map_or(0.0, |size| size.length(diagonal));
         self.kernel.crumbs = self.config.min_component.map_or(0.0, |min| min.length(diagonal));
         let source = &self.prepared.source;
-        source.remarks()?.into_iter().for_each(|remark| self.run.progress.lose(remark));
+        let in_degrees = degrees_remark(source, &self.partition.bounds);
+        let remarks = source.remarks()?.into_iter().chain(in_degrees);
+        remarks.for_each(|remark| self.run.progress.lose(remark));
         if self.config.job.until == Some(Until::Partition) {
             return Ok(RunStep::End(Ended::Early));
         }

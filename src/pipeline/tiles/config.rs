@@ -4,7 +4,7 @@ use crate::bake::BasisCoding;
 use crate::config::CHECKPOINT_EVERY;
 use crate::io::ply::ReadOptions;
 use crate::io::{InputPaths, NameUse, Weld};
-use crate::mesh::placing::Placing;
+use crate::mesh::placing::{Degrees, Placing};
 use crate::system::memory;
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
@@ -126,9 +126,14 @@ impl TilesConfig {
 
     /// Settings for reading the input.
     pub fn read_options(&self) -> ReadOptions {
+        let mut placing = self.placing.clone();
+        if placing.degrees == Degrees::Kept && self.crs.is_some() {
+            let is_y_up = Some(!self.is_z_up);
+            placing.degrees = Degrees::Metres { system: self.crs.clone(), is_y_up };
+        }
         ReadOptions {
             skip_bad: self.skip_bad,
-            placing: self.placing.clone(),
+            placing,
             temp_dir: None,
             names: NameUse::GivenUp("not carried by tiles"),
         }

@@ -28,7 +28,7 @@ use crate::bake::{Coloured, Means, colour_vertices};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::tileset::{FILE_NAME, OWN_PAGES, TileTree, TreeFiles, write_tilesets};
-use crate::io::{TileScalar, find3};
+use crate::io::{TileScalar, degrees_remark, find3};
 use crate::kernel;
 use crate::mesh::codec::ChannelKind;
 use crate::mesh::record::VertexSchema;
@@ -40,6 +40,7 @@ use crate::store::job::{Identity, Job, OVER};
 use crate::store::stage_context::StageContext;
 use crate::system::disk::Disk;
 use crate::system::json_keys::SCHEMA_VERSION;
+use crate::system::losses::Loss;
 use crate::system::memory::peak_bytes;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
@@ -120,10 +121,11 @@ fn run(
         Ok(cut) => cut,
         Err(error) => return Err(give_up(&job, &pending, error)),
     };
-    let (world, of_world) = match world::world(config, &partition.bounds, source.offset()) {
+    let (world, mut of_world) = match world::world(config, &partition.bounds, &source) {
         Ok(world) => world,
         Err(error) => return Err(give_up(&job, &pending, error)),
     };
+    of_world.extend(degrees_remark(&source, &partition.bounds).map(Loss::whole));
     let coloured = job.outcome::<Coloured>(COLOURED)?;
     if coloured.is_some() {
         disk.remove(&job.path(COLOURED_FILE))?;
@@ -239,6 +241,9 @@ fn identity(
     input_marks.insert("faces".to_owned(), source.n_face_rows().to_string());
     let input = std::path::absolute(&*config.input).unwrap_or_else(|_| config.input.to_path_buf());
     let mut settings = config.settings();
+    if let Some(code) = world::system_of(config, source) {
+        settings.insert("crs".to_owned(), code);
+    }
     if n_scalars > 0 {
         // Builds that do not carry them cannot go on with the job, nor this one with theirs.
         settings.insert("attributes".to_owned(), n_scalars.to_string());
@@ -316,7 +321,7 @@ fn about(source: &MeshSource, config: &TilesConfig, of: About) -> serde_json::Va
         "step": of.lattice.step, "pixels": config.pixels, "up": if config.is_z_up { "z" } else { "y" },
         "origin": of.lattice.origin,
     });
-    if let Some(code) = &config.crs {
+    if let Some(code) = world::system_of(config, source) {
         about["crs"] = json!(code);
     }
     if let Some(offset) = source.offset() {

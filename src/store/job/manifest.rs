@@ -84,6 +84,9 @@ pub fn view(folder: &Path) -> Result<ManifestView> {
 
 const IDENTITY: &str = "identity";
 
+/// The mark of the time of an input.
+const MTIME: &str = "mtime";
+
 impl Manifest {
     /// Opens a job folder's manifest, or begins one for `identity`.
     pub fn open(folder: &Path, disk: &Disk, identity: &Identity) -> Result<Manifest> {
@@ -251,7 +254,9 @@ fn check(folder: &Path, version: u32, found: &Identity, wanted: &Identity) -> Re
         });
     }
     let mut differences = Vec::new();
-    if found.input != wanted.input {
+    // A file that was moved with its job keeps its time and samples. Several files are marks by their paths.
+    let is_moved = found.input_marks == wanted.input_marks && found.input_marks.contains_key(MTIME);
+    if found.input != wanted.input && !is_moved {
         differences.push(format!("input {} instead of {}", found.input, wanted.input));
     }
     for (what, old, new) in [
@@ -271,6 +276,23 @@ fn check(folder: &Path, version: u32, found: &Identity, wanted: &Identity) -> Re
     }
     if differences.is_empty() {
         return Ok(());
+    }
+    let old_time = found.input_marks.get(MTIME).and_then(|time| time.parse::<u64>().ok());
+    let mut retimed = wanted.input_marks.clone();
+    retimed.extend(found.input_marks.get_key_value(MTIME).map(|(k, v)| (k.clone(), v.clone())));
+    if let (Some(time), true) =
+        (old_time, retimed == found.input_marks && found.settings == wanted.settings)
+    {
+        let (seconds, rest) = (time / 1_000_000_000, time % 1_000_000_000);
+        return Err(Error::StateMismatch {
+            path: folder.into(),
+            what: format!(
+                "the input changed since this job began ({}), or only its time did: its samples are the same; if it is the same file, \
+                 touch -d @{seconds}.{rest:09} {} continues the job, and --restart throws it away",
+                differences.join(", "),
+                wanted.input
+            ),
+        });
     }
     if found.input == wanted.input && found.settings == wanted.settings {
         return Err(Error::StateMismatch {
@@ -294,7 +316,7 @@ fn check(folder: &Path, version: u32, found: &Identity, wanted: &Identity) -> Re
 /// A mark as people read it: times in nanoseconds since 1970 become dates.
 fn shown(name: &str, value: &str) -> String {
     match value.parse::<u64>() {
-        Ok(nanoseconds) if name == "mtime" => show_time(nanoseconds / 1_000_000_000),
+        Ok(nanoseconds) if name == MTIME => show_time(nanoseconds / 1_000_000_000),
         _ => value.to_owned(),
     }
 }
@@ -357,6 +379,11 @@ mod tests {
         let said = error.to_string();
         let dates = "input mtime 2023-11-14 22:13:20 UTC instead of 2024-02-29 00:00:00 UTC";
         assert!(said.contains("the input changed") && said.contains(dates), "{said}");
+        assert!(said.contains("touch -d @1700000000.123456789 a.ply"), "{said}");
+        let moved = Identity { input: "b.ply".into(), ..with("1700000000123456789") };
+        assert!(Manifest::open(folder.path(), &disk, &moved).is_ok());
+        let other = Identity { input: "b.ply".into(), ..with("1700000000123456788") };
+        assert!(Manifest::open(folder.path(), &disk, &other).is_err());
     }
 
     #[test]

@@ -214,6 +214,14 @@ impl Job {
     }
 }
 
+/// Removes a job that no run goes on with, as far as it is ours.
+pub fn remove_job(folder: &Path) {
+    if folder.is_dir() && check_own(folder).is_ok() {
+        // What stays costs space; the error that led here matters more.
+        let _ = Disk::default().remove_own(folder, &is_in_job, &|_| 0);
+    }
+}
+
 /// Makes a job folder, or takes one that is ours and not in use for something else, and locks it.
 fn take_folder(folder: &Path, disk: &Disk) -> Result<JobLock> {
     if !disk.own_dir(folder)? {
