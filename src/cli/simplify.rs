@@ -417,13 +417,16 @@ impl Command for Args {
         let config = self.config().ok()?;
         let output = config.output.display();
         let line = format!("{output}: already done with the same settings; --force does it again");
-        done_before(&config, report).map(|code| (code, line))
+        let code = done_before(&config, report)?;
+        // Of a run that was killed, before another one with another folder did the work.
+        remove_job(&config.job_folder, Some(&config.settings()));
+        Some((code, line))
     }
 
     fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         let end = self.simplify(session);
         if end.is_err() && self.is_stream() {
-            remove_job(&self.job_folder()?);
+            remove_job(&self.job_folder()?, None);
         }
         end
     }

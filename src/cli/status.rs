@@ -81,7 +81,7 @@ fn show_finished(args: &Args) -> Result<()> {
     let output = name.strip_suffix(".stonecut-job").filter(|output| stands(Path::new(output)));
     let Some(output) = output else {
         let what = "there is no such job: simplify and tiles have OUTPUT.stonecut-job while they run and after they were \
-                    stopped (below --temp-dir, if that was given), and 'stonecut plan JOBDIR' makes one for many machines";
+                    stopped (with --temp-dir OUTPUT-HASH.stonecut-job there), and 'stonecut plan JOBDIR' makes one for many machines";
         return Err(Error::bad_input(&args.folder, what));
     };
     say(&match args.json {

@@ -414,6 +414,21 @@ fn a_pipe_that_is_closed_ends_the_command_without_a_word() {
 }
 
 #[test]
+fn a_job_that_another_folder_has_finished_goes() {
+    let at = &scratch();
+    expect(at, "synth terrain in.ply --triangles 2000", 0);
+    std::fs::create_dir(at.join("t")).unwrap();
+    let command = "simplify in.ply o.ply --ratio 50% --temp-dir t";
+    let n_jobs = || std::fs::read_dir(at.join("t")).unwrap().count();
+    expect(at, &format!("{command} --until partition"), 0);
+    expect(at, "simplify in.ply o.ply --ratio 50%", 0);
+    expect(at, "simplify in.ply o.ply --ratio 50% --fit off --temp-dir t", 2);
+    assert_eq!(n_jobs(), 1);
+    assert!(expect(at, command, 0).contains("already done"));
+    assert_eq!(n_jobs(), 0);
+}
+
+#[test]
 fn pipelines_side_by_side_leave_nothing_behind() {
     let at = &scratch();
     expect(at, "synth terrain in.ply --triangles 60k", 0);

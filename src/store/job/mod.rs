@@ -214,9 +214,13 @@ impl Job {
     }
 }
 
-/// Removes a job that no run goes on with, as far as it is ours.
-pub fn remove_job(folder: &Path) {
-    if folder.is_dir() && check_own(folder).is_ok() {
+/// Removes a job that no run goes on with, as far as it is ours and of these settings; `None` for any.
+pub fn remove_job(folder: &Path, settings: Option<&BTreeMap<String, String>>) {
+    let is_meant = settings.is_none_or(|settings| {
+        lock::is_free(folder) == Some(true)
+            && view(folder).is_ok_and(|found| found.identity.settings == *settings)
+    });
+    if is_meant && folder.is_dir() && check_own(folder).is_ok() {
         // What stays costs space; the error that led here matters more.
         let _ = Disk::default().remove_own(folder, &is_in_job, &|_| 0);
     }
