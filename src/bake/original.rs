@@ -20,7 +20,7 @@ use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::face_properties::FacePolicy;
 use stonecut_mesh::property::read_scalar;
 use stonecut_mesh::vec3::dot;
-use stonecut_render::texture::{Palette, Tangent};
+use stonecut_render::texture::{Palette, Tangent, UvBox};
 use stonecut_store::cells::CellMesh;
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Ledger, Loss, LossKind};
@@ -68,6 +68,8 @@ pub(super) struct Hit {
     /// Number of the material.
     pub material: u32,
     pub uv: [f32; 2],
+    /// Texture coordinates of its triangle.
+    pub uv_box: UvBox,
     /// Texture coordinates per unit of length.
     pub per_unit: f32,
     /// Ways in texture coordinates of the point's steps.
@@ -86,6 +88,7 @@ impl Hit {
         faces: false,
         material: NONE,
         uv: [f32::NAN; 2],
+        uv_box: UvBox::ALL,
         per_unit: 0.0,
         along: [[0.0; 2]; 2],
         colour: [255; 3],
@@ -97,7 +100,15 @@ impl Hit {
     pub fn is_better(&self, other: &Hit) -> bool {
         let key = |hit: &Hit| {
             let (uv, normal) = (hit.uv.map(f32::to_bits), hit.normal.map(f32::to_bits));
-            (!hit.faces, hit.material, uv, hit.colour, normal, hit.tangent.map(f32::to_bits))
+            (
+                !hit.faces,
+                hit.material,
+                uv,
+                hit.uv_box.key(),
+                hit.colour,
+                normal,
+                hit.tangent.map(f32::to_bits),
+            )
         };
         self.distance_sq < other.distance_sq
             || (self.distance_sq == other.distance_sq && key(self) < key(other))
@@ -113,6 +124,8 @@ pub(super) struct Face {
     first: usize,
     /// Texture coordinates of its corners, where there are any: u, then v.
     uv: Option<[[f64; 3]; 2]>,
+    /// The box of these.
+    uv_box: UvBox,
     /// Texture coordinates per unit of length.
     per_unit: f32,
     /// Ways in texture coordinates of the point's steps.
@@ -397,6 +410,9 @@ impl Original {
             triangle,
             first: triangle::rotation(&corners),
             along: side.along(&corners, uv, per_unit),
+            uv_box: uv.map_or(UvBox::ALL, |[u, v]| {
+                UvBox::of([0, 1, 2].map(|k| [u[k] as f32, v[k] as f32]))
+            }),
             faces: dot(triangle::area_normal(cell.tree.corners(slot)), side.normal) > 0.0,
             uv,
             per_unit,
@@ -424,6 +440,7 @@ impl Original {
             faces: face.faces,
             material: cell.material[t],
             uv: uv_at(face.uv, weights),
+            uv_box: face.uv_box,
             per_unit: face.per_unit,
             along: face.along,
             colour,

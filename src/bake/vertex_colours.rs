@@ -14,7 +14,7 @@ use stonecut_mesh::colours::ColourPlace;
 use stonecut_mesh::property::{Property, Scalar};
 use stonecut_mesh::record::VertexSchema;
 use stonecut_render::texture::{
-    ImageCache, Light, Palette, Purpose, Spot, apart, multiply, pixel_of, times_opacity,
+    ImageCache, Light, Palette, Purpose, Spot, UvBox, apart, multiply, pixel_of, times_opacity,
 };
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::Ledger;
@@ -242,10 +242,11 @@ impl Painter<'_> {
             for (t, corners) in faces.triangles.iter().enumerate() {
                 let Some((uv, material)) = looks.of(t) else { continue };
                 let Some(paint) = self.palette.paints.get(material as usize) else { continue };
+                let uv_box = UvBox::of(uv);
                 for k in 0..3 {
                     if let Some(place) = self.place(corners[k]) {
                         places.push(place);
-                        spots.push(Spot { material, uv: uv[k], apart: apart(uv, k) });
+                        spots.push(Spot { material, uv: uv[k], uv_box, apart: apart(uv, k) });
                         lights.push(times_opacity(paint.factor));
                     }
                 }

@@ -12,6 +12,7 @@ use super::skin::Skins;
 use super::vector::smoothstep;
 use super::vertices::{PlacedVertex, Vertices, vertex_bytes};
 use super::view::{Aim, Direction, Lighting, Resources, Sphere, View, per_pixel};
+use crate::texture::UvBox;
 use stonecut_io::ply::{BLOCK_ROWS, FaceLook};
 use stonecut_mesh::oklab::{linear_of_srgb, srgb_of_linear};
 use stonecut_mesh::vec3::unit;
@@ -225,8 +226,9 @@ fn draw_face(
         Corner { place: vertex.place, color, ..Corner::default() }
     });
     let image = skin.and_then(|skin| Some((skin, skin.texels?)));
-    if let (Some((_, (uv, material))), Some((_, texels))) = (look, image) {
-        style.shown = Some(Shown { material, texels });
+    if let (Some((skins, (uv, material))), Some((_, texels))) = (look, image) {
+        let within = skins.within(material, &UvBox::of(uv));
+        style.shown = Some(Shown { material, texels, within });
         (0..3).for_each(|i| corners[i].uv = uv[i]);
     }
     if !frame.may_show(&corners) {

@@ -47,6 +47,8 @@ pub(super) struct Shown {
     pub(super) material: u32,
     /// Texels for a length of 1 in each coordinate.
     pub(super) texels: [f32; 2],
+    /// `Sample::WITHIN`.
+    pub(super) within: u8,
 }
 
 /// Style in which triangles are drawn.
@@ -209,7 +211,7 @@ impl Frame {
             weight,
             material: shown.map_or(Sample::PLAIN, |shown| shown.material),
             ink: 0,
-            flags: flags_of(corners, area),
+            flags: flags_of(corners, shown, area),
             turn: match corners[0].tangent[3] != 0.0 {
                 true => turn_of(normal.map(|x| side * x), mean(|c| first_three(c.tangent))),
                 false => 0,
@@ -263,7 +265,8 @@ impl Frame {
         let last = |high: f32, n: usize| ((high - 0.5).floor() + 1.0).clamp(0.0, n as f32) as usize;
         let reach = ((0.25 * full.abs().sqrt() / f64::from(style.samples)) as f32).clamp(0.4, 1.0);
         let line = style.line * reach;
-        let (flags, has_frames) = (flags_of(corners, area), corners[0].tangent[3] != 0.0);
+        let (flags, has_frames) =
+            (flags_of(corners, style.shown, area), corners[0].tangent[3] != 0.0);
         let slopes = style.shown.map(|shown| Slopes::new(corners, p, &q, per_area, shown.texels));
         let columns = first(low[0])..last(high[0], self.width);
         let is_tinted = !self.tints.is_empty();
@@ -351,9 +354,11 @@ fn across(q: &[(f64, f64); 3], y: f64, columns: &Range<usize>) -> Range<usize> {
 }
 
 /// Sides of a triangle that is drawn with this area.
-fn flags_of(corners: &[Corner; 3], area: f32) -> u8 {
+fn flags_of(corners: &[Corner; 3], shown: Option<Shown>, area: f32) -> u8 {
     let back = if area < 0.0 { Sample::BACK } else { 0 };
-    back | if corners[0].tangent[3] < 0.0 { Sample::MIRRORED } else { 0 }
+    shown.map_or(0, |shown| shown.within)
+        | back
+        | if corners[0].tangent[3] < 0.0 { Sample::MIRRORED } else { 0 }
 }
 
 fn first_three([x, y, z, _]: [f32; 4]) -> [f32; 3] {

@@ -19,7 +19,7 @@ pub(super) struct Sample {
     pub(super) material: u32,
     /// Cover by edge lines, of 255.
     pub(super) ink: u8,
-    /// `BACK`, `UNLIT`, `MIRRORED`.
+    /// `BACK`, `UNLIT`, `MIRRORED`, `WITHIN`.
     pub(super) flags: u8,
     /// Direction of rising u around the normal, for normal maps; `turn` counts it.
     pub(super) turn: u16,
@@ -36,6 +36,10 @@ impl Sample {
     pub(super) const UNLIT: u8 = 2;
     /// The image is mirrored on the surface, as its front side has it.
     pub(super) const MIRRORED: u8 = 4;
+    /// The triangle lies within one repetition of its images, along each coordinate.
+    pub(super) const WITHIN: [u8; 2] = [8, 16];
+    /// Flags of a place in an image.
+    const OF_PLACE: u8 = Sample::MIRRORED | Sample::WITHIN[0] | Sample::WITHIN[1];
     /// Nothing.
     pub(super) const NONE: Sample = Sample {
         nearness: 0.0,
@@ -70,8 +74,8 @@ impl Sample {
                 let share = if front.is_on_image() { 1.0 } else { sum / front.weight.max(1e-20) };
                 (self.color, self.material) = (front.color.map(|x| share * x), front.material);
                 self.turn = front.turn;
-                let side = (self.flags & !Sample::MIRRORED) | (front.flags & Sample::MIRRORED);
-                self.flags = side & (found.flags | Sample::MIRRORED);
+                let side = (self.flags & !Sample::OF_PLACE) | (front.flags & Sample::OF_PLACE);
+                self.flags = side & (found.flags | Sample::OF_PLACE);
             } else {
                 (0..3).for_each(|i| self.color[i] += found.color[i]);
                 self.flags &= found.flags;

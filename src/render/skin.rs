@@ -6,7 +6,7 @@
 use super::frames::bent;
 use super::raster::Frame;
 use super::sample::Sample;
-use crate::texture::{Decoded, ImageCache, Light, MapUse, Paint, Palette};
+use crate::texture::{Decoded, ImageCache, Light, MapUse, Paint, Palette, UvBox};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use stonecut_mesh::oklab::srgb_of_linear;
@@ -73,6 +73,13 @@ impl<'a> Skins<'a> {
     /// The material of this number.
     pub(super) fn get(&self, number: u32) -> Option<&Skin> {
         self.list.get(number as usize)
+    }
+
+    /// `Sample::WITHIN` of a triangle of this material.
+    pub(super) fn within(&self, material: u32, uv_box: &UvBox) -> u8 {
+        let Some(paint) = self.palette.paints.get(material as usize) else { return 0 };
+        let is_within = |k: &usize| paint.maps().all(|map| map.within(uv_box)[*k]);
+        [0, 1].into_iter().filter(is_within).map(|k| Sample::WITHIN[k]).sum()
     }
 
     /// Gives all samples that lie on images their colours; returns the places of those that are not there after all,
@@ -170,6 +177,8 @@ impl Group<'_> {
     fn coloured(&self, sample: &Sample, [r, g, b]: [u8; 3]) -> Option<Sample> {
         let paint = &self.skins.palette.paints[sample.material as usize];
         let [u, v, width] = sample.color;
+        let within = Sample::WITHIN.map(|flag| sample.flags & flag != 0);
+        let uv_box = UvBox::at([u, v], within);
         let scale = first_map(paint).map_or(1.0, |map| map.texels_per_coordinate);
         let look_in = |map: Option<&MapUse>| -> Option<(&Decoded, Light)> {
             let map = map?;
@@ -179,7 +188,7 @@ impl Group<'_> {
             let is_bumps = paint.normal.as_ref() == Some(map);
             let images = &self.skins.images;
             let table = if is_bumps { &images.plain } else { &images.table };
-            Some((image, image.between(map, [u, v], width as f32, table)?))
+            Some((image, image.between(map, ([u, v], &uv_box), width as f32, table)?))
         };
         let look = |map: Option<&MapUse>| look_in(map).map(|(_, light)| light);
         let normal = match look(paint.normal.as_ref()) {

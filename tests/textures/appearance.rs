@@ -2,6 +2,7 @@
 //! far away, holes, the same bytes however it is done; figures that are known.
 
 use crate::common::{expect, json, scratch};
+use crate::maps::vertex_lines;
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use serde_json::Value;
 use std::path::Path;
@@ -81,6 +82,35 @@ fn fields_of_a_board_are_where_perspective_puts_them() {
     assert!(picture(folder, &format!("q.obj {arguments} --threads 1 --memory 165MiB")) == seen);
     assert!(picture(folder, &format!("q.obj {arguments} --color-by texture")) == seen);
     assert!(picture(folder, &format!("q.obj {arguments} --color plain")) != seen);
+}
+
+/// Coordinates reach from border to border, and images repeat unless they say otherwise: red at the left and blue at the right
+/// never meet.
+#[test]
+fn nothing_is_seen_across_the_border_of_an_image() {
+    let folder = &scratch();
+    let column = |x: u32| [[255, 0, 0], [0, 255, 0], [0, 255, 0], [0, 0, 255]][x as usize / 4];
+    RgbImage::from_fn(16, 16, |x, _| Rgb(column(x))).save(folder.join("stripes.png")).unwrap();
+    quad(folder, "q", 1.0, "Kd 1 1 1\nmap_Kd stripes.png");
+    expect(folder, "tiles q.obj tree --texture colors", 0);
+    expect(folder, "extract tree q.ply --max-error 0", 0);
+    let of_vertices = vertex_lines(folder, "q.ply");
+    for line in &of_vertices {
+        let [own, other] = if line[0] < 0.0 { [3, 5] } else { [5, 3] };
+        assert!(line[own] > 0.7 && line[other] == 0.0, "{of_vertices:?}");
+    }
+    expect(folder, "simplify q.obj b.obj --ratio 100% --texture bake", 0);
+    let page = std::fs::read_to_string(folder.join("b.mtl")).unwrap();
+    let page = page.lines().find_map(|line| line.strip_prefix("map_Kd ")).unwrap();
+    let page = image::open(folder.join(page)).unwrap().into_rgb8();
+    let is_mixed = |pixel: &&Rgb<u8>| pixel[0].min(pixel[2]) > 40 && pixel[1] < 90;
+    assert_eq!(page.pixels().filter(is_mixed).count(), 0);
+    let seen = picture(folder, "q.obj --view 0,-0.001,1 --size 300x300 --unlit");
+    assert_eq!(seen.pixels().filter(is_mixed).count(), 0);
+    // Coordinates of two repetitions cross a border in the middle.
+    quad(folder, "q", 2.0, "Kd 1 1 1\nmap_Kd stripes.png");
+    let seen = picture(folder, "q.obj --view 0,-0.001,1 --size 300x300 --unlit");
+    assert!(seen.pixels().filter(is_mixed).count() > 500);
 }
 
 #[test]

@@ -429,7 +429,7 @@ fn colours_of_vertices_are_counted_once() {
 }
 
 /// Numbers of the lines of vertices of a mesh as OBJ.
-fn vertex_lines(folder: &Path, mesh: &str) -> Vec<Vec<f64>> {
+pub fn vertex_lines(folder: &Path, mesh: &str) -> Vec<Vec<f64>> {
     expect(folder, &format!("convert {mesh} lines.obj --textures none --force"), 0);
     let text = std::fs::read_to_string(folder.join("lines.obj")).unwrap();
     let lines = text.lines().filter_map(|line| line.strip_prefix("v "));

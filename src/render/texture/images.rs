@@ -6,7 +6,7 @@
 use super::image_level::{ImageLevel, half_of};
 use super::jpeg::possible_halvings;
 use super::light_table::{Light, LightTable, pixel_of};
-use super::map_use::MapUse;
+use super::map_use::{MapUse, UvBox};
 use super::palette::{Palette, Picture, image_bytes};
 use image::ImageEncoder;
 use serde::{Deserialize, Serialize};
@@ -123,30 +123,36 @@ impl Decoded {
         if *self.has_opacity.get_or_init(has_opacity) { a } else { (r + g + b) / 3.0 }
     }
 
-    /// The colour at coordinates, mixed of four texels, in the size in which a point is about `width` texels of the
+    /// The colour at coordinates of a triangle, mixed of four texels, in the size in which a point is about `width` texels of the
     /// whole image apart from the next; `None` where coordinates are not numbers.
-    pub fn at(&self, map: &MapUse, uv: [f32; 2], width: f32, table: &LightTable) -> Option<Light> {
+    pub fn at(
+        &self,
+        map: &MapUse,
+        at: ([f32; 2], &UvBox),
+        width: f32,
+        table: &LightTable,
+    ) -> Option<Light> {
         // Up to the root of 2 it is the whole image.
         let halvings = if width > 1.414 { width.log2().round() as usize } else { 0 };
-        self.in_level(halvings, map, uv, table)
+        self.in_level(halvings, map, at, table)
     }
 
     /// The same, mixed of the two sizes around `width`: pictures show no step from one to the next.
     pub fn between(
         &self,
         map: &MapUse,
-        uv: [f32; 2],
+        at: ([f32; 2], &UvBox),
         width: f32,
         table: &LightTable,
     ) -> Option<Light> {
         let halvings = if width > 1.0 { width.log2() } else { 0.0 };
         let (low, share) = (halvings.floor(), halvings.fract());
-        let fine = self.in_level(low as usize, map, uv, table)?;
+        let fine = self.in_level(low as usize, map, at, table)?;
         let share_is_seen = share > 0.0;
         if !share_is_seen {
             return Some(fine);
         }
-        let coarse = self.in_level(low as usize + 1, map, uv, table)?;
+        let coarse = self.in_level(low as usize + 1, map, at, table)?;
         Some(std::array::from_fn(|i| fine[i] + share * (coarse[i] - fine[i])))
     }
 
@@ -155,12 +161,12 @@ impl Decoded {
         &self,
         halvings: usize,
         map: &MapUse,
-        uv: [f32; 2],
+        at: ([f32; 2], &UvBox),
         table: &LightTable,
     ) -> Option<Light> {
         let level = halvings.saturating_sub(self.n_left_out).min(self.levels.len() - 1);
         let Banded { size, shift, .. } = &self.levels[level];
-        let (texels, share) = map.texels(uv, *size)?;
+        let (texels, share) = map.texels(at, *size)?;
         let bands = texels[1].map(|y| y >> shift);
         let above = self.band(level, bands[0], table);
         let below = if bands[1] == bands[0] { above } else { self.band(level, bands[1], table) };

@@ -58,6 +58,41 @@ impl Wrap {
 /// Coordinates that are larger come to nothing in single precision.
 const FARTHEST: f64 = 1e7;
 
+/// Coordinates of corners that are so near to a border of an image are on it: single precision, and a scale.
+const ON_BORDER: f64 = 1e-6;
+
+/// Box of texture coordinates: those of a triangle, whose places see nothing across a border that it does not cross.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UvBox {
+    low: [f32; 2],
+    high: [f32; 2],
+}
+
+impl UvBox {
+    /// All coordinates.
+    pub const ALL: UvBox = UvBox { low: [f32::NEG_INFINITY; 2], high: [f32::INFINITY; 2] };
+
+    /// Coordinates of a triangle with these corners.
+    pub fn of(uv: [[f32; 2]; 3]) -> UvBox {
+        let [a, b, c] = uv;
+        UvBox {
+            low: [0, 1].map(|k| a[k].min(b[k]).min(c[k])),
+            high: [0, 1].map(|k| a[k].max(b[k]).max(c[k])),
+        }
+    }
+
+    /// Coordinates of one place; along a coordinate that is not `within` one repetition, all.
+    pub fn at(uv: [f32; 2], within: [bool; 2]) -> UvBox {
+        let end = |all: f32| [0, 1].map(|k| if within[k] { uv[k] } else { all });
+        UvBox { low: end(f32::NEG_INFINITY), high: end(f32::INFINITY) }
+    }
+
+    /// Values by which one of two that are seen at the same place goes first.
+    pub fn key(&self) -> [[u32; 2]; 2] {
+        [self.low, self.high].map(|end| end.map(f32::to_bits))
+    }
+}
+
 impl MapUse {
     pub(super) fn new(map: &Map, size: [u32; 2]) -> MapUse {
         let place = map.place();
@@ -95,26 +130,57 @@ impl MapUse {
         MapUse { wrap: [Wrap::Clamp; 2], ..MapUse::scaled(0, size, [1.0; 2], [0.0; 2]) }
     }
 
-    /// Place in an image of `size` at coordinates, v upwards: the four texels around it, and shares of the right and
-    /// lower ones. `None` where coordinates are not numbers.
-    pub fn texels(&self, uv: [f32; 2], size: [u32; 2]) -> Option<([[usize; 2]; 2], [f32; 2])> {
-        let uv = [0, 1].map(|k| f64::from(uv[k]) * self.scale[k] + self.offset[k]);
-        if !uv.iter().all(|x| x.abs() < FARTHEST) {
+    /// Coordinate in the repetitions of the image, from its upper left corner.
+    fn place(&self, uv: [f32; 2], k: usize) -> f64 {
+        let at = f64::from(uv[k]) * self.scale[k] + self.offset[k];
+        if k == 0 { at } else { 1.0 - at }
+    }
+
+    /// Number of the repetition of the image that coordinates lie within, borders included: the image itself, if that is
+    /// one of two; `None` if they cross a border.
+    fn repetition(&self, uv_box: &UvBox, k: usize) -> Option<i64> {
+        let [a, b] = [uv_box.low, uv_box.high].map(|end| self.place(end, k));
+        let (low, high) = (a.min(b), a.max(b));
+        let is_within = |n: &f64| low >= n - ON_BORDER && high <= n + 1.0 + ON_BORDER;
+        [0.0, (0.5 * (low + high)).floor()].into_iter().find(is_within).map(|n| n as i64)
+    }
+
+    /// True along each coordinate if nothing across a border of the image is seen between these corners.
+    pub fn within(&self, uv_box: &UvBox) -> [bool; 2] {
+        [0, 1].map(|k| self.wrap[k] != Wrap::Repeat || self.repetition(uv_box, k).is_some())
+    }
+
+    /// Place in an image of `size` at coordinates, v upwards, of a triangle that has those of `uv_box`: the four texels
+    /// around it, and shares of the right and lower ones. `None` where coordinates are not numbers.
+    pub fn texels(
+        &self,
+        (uv, uv_box): ([f32; 2], &UvBox),
+        size: [u32; 2],
+    ) -> Option<([[usize; 2]; 2], [f32; 2])> {
+        let at = [0, 1].map(|k| self.place(uv, k));
+        if !at.iter().all(|x| x.abs() < FARTHEST) {
             return None;
         }
-        let at = [uv[0], 1.0 - uv[1]];
         let at = [0, 1].map(|k| at[k] * f64::from(size[k]) - 0.5);
         // The floor, which is a call where processors of all ages are built for.
         let low = at.map(|x| x as i64 - i64::from((x as i64) as f64 > x));
-        let texel =
-            |k: usize, step: i64| self.wrap[k].texel(low[k] + step, i64::from(size[k].max(1)));
+        let pair = |k: usize| -> [usize; 2] {
+            let n = i64::from(size[k].max(1));
+            let pair = [low[k], low[k] + 1].map(|at| self.wrap[k].texel(at, n));
+            let is_across = self.wrap[k] == Wrap::Repeat && pair[0] as i64 == n - 1;
+            match if is_across { self.repetition(uv_box, k) } else { None } {
+                Some(own) if own <= low[k].div_euclid(n) => [pair[0]; 2],
+                Some(_) => [pair[1]; 2],
+                None => pair,
+            }
+        };
         let share = [0, 1].map(|k| (at[k] - low[k] as f64) as f32);
-        Some(([[texel(0, 0), texel(0, 1)], [texel(1, 0), texel(1, 1)]], share))
+        Some(([pair(0), pair(1)], share))
     }
 
     /// True if coordinates are numbers that a texel can be found for.
     pub fn leads_to_texels(&self, uv: [f32; 2]) -> bool {
-        self.texels(uv, self.size).is_some()
+        self.texels((uv, &UvBox::ALL), self.size).is_some()
     }
 
     /// Texels of the image for a length of 1 along each of its coordinates.
@@ -135,7 +201,57 @@ mod tests {
 
     /// Texels of the upper left corner for coordinates at the middle of a texel.
     fn at(map: &MapUse, uv: [f32; 2]) -> Option<[usize; 2]> {
-        map.texels(uv, [4, 2]).map(|(texels, _)| [texels[0][0], texels[1][0]])
+        map.texels((uv, &UvBox::ALL), [4, 2]).map(|(texels, _)| [texels[0][0], texels[1][0]])
+    }
+
+    /// An image of 4 x 2 texels along u:
+    ///
+    /// ```text
+    ///   2   3 | 0   1   2   3 | 0   1   2   3 | 0
+    ///        0.0             1.0             2.0
+    /// ```
+    #[test]
+    fn triangles_see_nothing_across_a_border_that_they_do_not_cross() {
+        let (plain, clamped) = (map("", None), map("-clamp on", None));
+        let columns = |map: &MapUse, u: f32, ends: [f32; 2], size: [u32; 2]| {
+            let uv_box = UvBox::of([[ends[0], 0.1], [ends[1], 0.1], [ends[0], 0.2]]);
+            map.texels(([u, 0.1], &uv_box), size).unwrap().0[0]
+        };
+        for (u, ends, seen) in [
+            (0.0, [0.0, 1.0], [0, 0]),
+            (1.0, [0.0, 1.0], [3, 3]),
+            (1.0, [0.5, 1.000_000_1], [3, 3]),
+            (1.0, [1.0, 2.0], [0, 0]),
+            (0.95, [1.0, 2.0], [0, 0]),
+            (2.0, [1.0, 2.0], [3, 3]),
+            (-1.0, [-1.0, -0.5], [0, 0]),
+            (0.0, [-1.0, 0.0], [3, 3]),
+            // All at one border of the image.
+            (0.0, [0.0, 0.0], [0, 0]),
+            (1.0, [1.0, 1.0], [3, 3]),
+            // Those that cross one.
+            (1.0, [0.5, 1.5], [3, 0]),
+            (0.0, [-0.1, 1.0], [3, 0]),
+            (1.0, [0.0, 2.0], [3, 0]),
+            (0.5, [0.0, 1.0], [1, 2]),
+            (1.5, [1.0, 2.0], [1, 2]),
+        ] {
+            assert_eq!(columns(&plain, u, ends, [4, 2]), seen, "{u} of {ends:?}");
+            let halved = columns(&plain, u, ends, [2, 1]);
+            assert_eq!(halved, seen.map(|column| column / 2), "{u} of {ends:?}");
+            assert_eq!(
+                columns(&clamped, u, [0.0, 1.0], [4, 2]),
+                columns(&clamped, u, ends, [4, 2])
+            );
+        }
+        // The other coordinate, whose rows count downwards, and a scale.
+        let uv_box = UvBox::of([[0.0, 0.0], [3.5, 0.0], [0.0, 1.0]]);
+        let rows = |v: f32| plain.texels(([0.5, v], &uv_box), [4, 2]).unwrap().0[1];
+        assert_eq!((rows(0.0), rows(1.0)), ([1, 1], [0, 0]));
+        assert_eq!(plain.within(&uv_box), [false, true]);
+        let doubled = map("-s 2 1 1", None);
+        assert_eq!(columns(&doubled, 0.5, [0.0, 0.5], [4, 2]), [3, 3]);
+        assert_eq!(columns(&doubled, 0.5, [0.0, 1.0], [4, 2]), [3, 0]);
     }
 
     #[test]

@@ -33,7 +33,7 @@ pub use images::{Decoded, ImageCache, ImageFaults};
 pub use ktx2_out::ktx2_file;
 pub use light_table::{Light, pixel_of};
 pub use lights::{Spot, look_up, multiply, times_opacity};
-pub use map_use::MapUse;
+pub use map_use::{MapUse, UvBox};
 pub use page::{add_corners, apart, corner_bytes};
 pub use paint::{Finish, Paint};
 pub use palette::Palette;
