@@ -305,10 +305,20 @@ fn vertices_without_a_colour_show_their_material() {
     document["materials"].as_array_mut().unwrap().push(json!({}));
     document["materials"][0] = white;
     std::fs::write(folder.join("in.gltf"), document.to_string()).unwrap();
-    for command in ["convert in.gltf", "simplify in.gltf --triangles 4"] {
+    document["materials"][0] = json!({});
+    let attributes = &mut document["meshes"][0]["primitives"][1]["attributes"];
+    attributes.as_object_mut().unwrap().remove("TEXCOORD_0");
+    std::fs::write(folder.join("plain.gltf"), document.to_string()).unwrap();
+    for command in [
+        "convert in.gltf",
+        "convert plain.gltf",
+        "simplify in.gltf --triangles 4",
+        "simplify plain.gltf --triangles 4",
+    ] {
         for kind in ["ply", "obj"] {
             let said = expect(folder, &format!("{command} out.{kind} --force"), 0);
             assert!(!said.contains("vertices without colour"), "{said}");
+            assert!(!said.contains("lost: colour"), "{said}");
         }
         let wanted = FACTOR.map(|light| (255.0 * (1.055 * light.powf(1.0 / 2.4) - 0.055)).round());
         let lines = vertex_lines(folder, "out.ply");

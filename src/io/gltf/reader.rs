@@ -139,6 +139,12 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
         let loss = Loss::new(LossKind::Colors, "colours of vertices", "outside of 0 to 1: clamped");
         materials.lose(loss.count(n_clamped));
     }
+    if shown.is_some() {
+        for (number, material) in materials.list.iter_mut().enumerate() {
+            let is_own = |piece: &&Piece| piece.primitive.material == Some(number);
+            material.is_at_vertices = pieces.iter().filter(is_own).all(|p| p.colours.is_none());
+        }
+    }
     let is_bare = |piece: &&Piece| {
         let material = piece.primitive.material.and_then(|number| i32::try_from(number).ok());
         has_texture && piece.texture.is_none() && material.is_some_and(|m| materials.has_base(m))

@@ -52,6 +52,8 @@ pub struct Material {
     pub metallic: Option<f32>,
     /// Roughness, from 0 to 1.
     pub roughness: Option<f32>,
+    /// True if the vertices of its faces have its colour, for outputs that have no materials.
+    pub is_at_vertices: bool,
     /// Meaning of opacity.
     pub alpha: Alpha,
     /// True if both sides are drawn.
@@ -270,6 +272,7 @@ impl Default for Material {
             shininess: None,
             metallic: None,
             roughness: None,
+            is_at_vertices: false,
             alpha: Alpha::Plain,
             two_sided: false,
             unlit: false,

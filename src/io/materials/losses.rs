@@ -70,7 +70,9 @@ pub(super) fn enter(kind: OutputKind, materials: &Materials, losses: &mut Ledger
             }
         }
         for (what, holders) in traits(material, || materials.has_clear_base(material)) {
-            if !holders.contains(&kind) {
+            let is_at_vertices =
+                kind == OutputKind::Ply && what == COLOUR && material.is_at_vertices;
+            if !holders.contains(&kind) && !is_at_vertices {
                 let [r, g, b, _] = material.base;
                 let is_colour = what == COLOUR;
                 let of = if is_colour { LossKind::Colors } else { LossKind::Materials };
