@@ -63,6 +63,12 @@ impl Placing {
         self.columns == NONE && !self.recentres
     }
 
+    /// True if axes are at most swapped and turned around, so that lengths along them stay as they are.
+    pub fn keeps_lengths(&self) -> bool {
+        let is_unit = |i: usize| self.columns[i] == 0.0 || self.columns[i].abs() == 1.0;
+        (0..12).all(is_unit)
+    }
+
     /// Appends a map, by columns, that comes after what is there.
     pub fn then(&mut self, outer: &[f64; 16]) {
         let old = self.columns;

@@ -274,4 +274,9 @@ fn a_terrain_in_degrees_stands_on_the_earth_in_metres() {
     }
     let said = expect(folder, "tiles deg.ply t --crs EPSG:4326 --translate 0,50,0 --force", 4);
     assert!(said.contains("outside of this system, which has degrees"), "{said}");
+    // Metres of one's own are no longer degrees.
+    let matrix = "76000,0,0,0,0,111000,0,0,0,0,1,0,0,0,0,1";
+    let said = expect(folder, &format!("convert named.ply m.ply --transform {matrix}"), 0);
+    assert!(said.contains("no longer degrees of EPSG:4326"), "{said}");
+    expect(folder, "tiles m.ply t --force", 0);
 }

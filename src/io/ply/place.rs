@@ -48,6 +48,13 @@ impl MeshSource {
             Ok(())
         })?;
         let (mut placing, mut comments) = (placing.clone(), self.comments().to_vec());
+        if let Some(crs) = self.degrees_named().filter(|_| !placing.keeps_lengths()) {
+            comments.retain(|line| offset_of(line).is_none() && crs_of(line).is_none());
+            self.note(Loss::remark(format!(
+                "no longer degrees of {}: its name is left out",
+                crs.name()
+            )));
+        }
         if let (Some((crs, is_y_up)), false) = (in_degrees, bounds.is_empty()) {
             let offset = offset_in(&comments).unwrap_or_default();
             let offset = placing.vector(offset).unwrap_or(offset);
@@ -79,9 +86,16 @@ impl MeshSource {
     /// The system of degrees that become metres, and whether y points upwards.
     fn in_degrees(&self, placing: &Placing) -> Option<(Crs, bool)> {
         let Degrees::Metres { system, is_y_up } = &placing.degrees else { return None };
-        let system = system.clone().or_else(|| crs_in(self.comments()))?;
-        let crs = Crs::of(&system).ok().filter(Crs::is_geographic)?;
+        let crs = match system {
+            Some(system) => Crs::of(system).ok().filter(Crs::is_geographic),
+            None => self.degrees_named().filter(|_| placing.keeps_lengths()),
+        }?;
         Some((crs, is_y_up.unwrap_or(self.file_format() == "glTF")))
+    }
+
+    /// The system of degrees that the mesh names.
+    fn degrees_named(&self) -> Option<Crs> {
+        crs_in(self.comments()).and_then(|system| Crs::of(&system).ok()).filter(Crs::is_geographic)
     }
 
     /// A bit for each vertex that a face uses; empty where there are no faces. Reads all faces.
