@@ -68,8 +68,8 @@ pub(super) struct Hit {
     /// Number of the material.
     pub material: u32,
     pub uv: [f32; 2],
-    /// Texture coordinates of its triangle.
-    pub uv_box: UvBox,
+    /// True along each texture coordinate if its triangle lies within one repetition.
+    pub within: [bool; 2],
     /// Texture coordinates per unit of length.
     pub per_unit: f32,
     /// Ways in texture coordinates of the point's steps.
@@ -88,7 +88,7 @@ impl Hit {
         faces: false,
         material: NONE,
         uv: [f32::NAN; 2],
-        uv_box: UvBox::ALL,
+        within: [false; 2],
         per_unit: 0.0,
         along: [[0.0; 2]; 2],
         colour: [255; 3],
@@ -104,7 +104,7 @@ impl Hit {
                 !hit.faces,
                 hit.material,
                 uv,
-                hit.uv_box.key(),
+                hit.within,
                 hit.colour,
                 normal,
                 hit.tangent.map(f32::to_bits),
@@ -124,8 +124,8 @@ pub(super) struct Face {
     first: usize,
     /// Texture coordinates of its corners, where there are any: u, then v.
     uv: Option<[[f64; 3]; 2]>,
-    /// The box of these.
-    uv_box: UvBox,
+    /// True along each if they lie within one repetition.
+    within: [bool; 2],
     /// Texture coordinates per unit of length.
     per_unit: f32,
     /// Ways in texture coordinates of the point's steps.
@@ -410,8 +410,8 @@ impl Original {
             triangle,
             first: triangle::rotation(&corners),
             along: side.along(&corners, uv, per_unit),
-            uv_box: uv.map_or(UvBox::ALL, |[u, v]| {
-                UvBox::of([0, 1, 2].map(|k| [u[k] as f32, v[k] as f32]))
+            within: uv.map_or([false; 2], |[u, v]| {
+                UvBox::of([0, 1, 2].map(|k| [u[k] as f32, v[k] as f32])).within_one()
             }),
             faces: dot(triangle::area_normal(cell.tree.corners(slot)), side.normal) > 0.0,
             uv,
@@ -440,7 +440,7 @@ impl Original {
             faces: face.faces,
             material: cell.material[t],
             uv: uv_at(face.uv, weights),
-            uv_box: face.uv_box,
+            within: face.within,
             per_unit: face.per_unit,
             along: face.along,
             colour,

@@ -59,9 +59,9 @@ pub(super) fn find_spots(
         starts.push(spots.len() as u32);
         let density = charts.densities[charts.page[point.triangle as usize] as usize];
         let apart = f64::from(hit.per_unit) / (density * f64::from(scene.side * scene.looks));
-        let Hit { material, uv_box, .. } = *hit;
+        let Hit { material, within, .. } = *hit;
         if point.looks.count_ones() < 2 {
-            spots.push(Spot { material, uv: hit.uv, uv_box, apart });
+            spots.push(Spot { material, uv: hit.uv, within, apart });
             continue;
         }
         let all = || (0..4).filter(|i| point.looks >> i & 1 == 1).map(|i| [i & 1, i >> 1]);
@@ -72,7 +72,7 @@ pub(super) fn find_spots(
         for [x, y] in all() {
             let (x, y) = (0.5 * (x as f32 - middle[0]), 0.5 * (y as f32 - middle[1]));
             let uv = [0, 1].map(|k| hit.uv[k] + x * along_x[k] + y * along_y[k]);
-            spots.push(Spot { material, uv, uv_box, apart });
+            spots.push(Spot { material, uv, within, apart });
         }
     }
     starts.push(spots.len() as u32);

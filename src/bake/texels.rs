@@ -25,10 +25,10 @@ use stonecut_system::error::Result;
 use stonecut_system::parallel::in_order;
 
 /// Bytes of a point under way: the point, its places, and where it is listed.
-const POINT_BYTES: u64 = 270;
+const POINT_BYTES: u64 = 250;
 
 /// Bytes of a look into an image: a spot, its colour, and a run of one.
-const LOOK_BYTES: u64 = 80;
+const LOOK_BYTES: u64 = 64;
 
 /// Points of a batch where no cell and no image is ever loaded twice.
 const SMALL_BATCH: u64 = 1 << 18;

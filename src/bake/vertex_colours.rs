@@ -243,10 +243,16 @@ impl Painter<'_> {
                 let Some((uv, material)) = looks.of(t) else { continue };
                 let Some(paint) = self.palette.paints.get(material as usize) else { continue };
                 let uv_box = UvBox::of(uv);
+                let within = uv_box.within_one();
                 for k in 0..3 {
                     if let Some(place) = self.place(corners[k]) {
                         places.push(place);
-                        spots.push(Spot { material, uv: uv[k], uv_box, apart: apart(uv, k) });
+                        spots.push(Spot {
+                            material,
+                            uv: uv_box.inside(uv[k]),
+                            within,
+                            apart: apart(uv, k),
+                        });
                         lights.push(times_opacity(paint.factor));
                     }
                 }

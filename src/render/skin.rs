@@ -178,7 +178,6 @@ impl Group<'_> {
         let paint = &self.skins.palette.paints[sample.material as usize];
         let [u, v, width] = sample.color;
         let within = Sample::WITHIN.map(|flag| sample.flags & flag != 0);
-        let uv_box = UvBox::at([u, v], within);
         let scale = first_map(paint).map_or(1.0, |map| map.texels_per_coordinate);
         let look_in = |map: Option<&MapUse>| -> Option<(&Decoded, Light)> {
             let map = map?;
@@ -188,7 +187,7 @@ impl Group<'_> {
             let is_bumps = paint.normal.as_ref() == Some(map);
             let images = &self.skins.images;
             let table = if is_bumps { &images.plain } else { &images.table };
-            Some((image, image.between(map, ([u, v], &uv_box), width as f32, table)?))
+            Some((image, image.between(map, ([u, v], within), width as f32, table)?))
         };
         let look = |map: Option<&MapUse>| look_in(map).map(|(_, light)| light);
         let normal = match look(paint.normal.as_ref()) {

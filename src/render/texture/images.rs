@@ -6,7 +6,7 @@
 use super::image_level::{ImageLevel, half_of};
 use super::jpeg::possible_halvings;
 use super::light_table::{Light, LightTable, pixel_of};
-use super::map_use::{MapUse, UvBox};
+use super::map_use::MapUse;
 use super::palette::{Palette, Picture, image_bytes};
 use image::ImageEncoder;
 use serde::{Deserialize, Serialize};
@@ -123,12 +123,12 @@ impl Decoded {
         if *self.has_opacity.get_or_init(has_opacity) { a } else { (r + g + b) / 3.0 }
     }
 
-    /// The colour at coordinates of a triangle, mixed of four texels, in the size in which a point is about `width` texels of the
+    /// The colour at coordinates (`MapUse::texels`), mixed of four texels, in the size in which a point is about `width` texels of the
     /// whole image apart from the next; `None` where coordinates are not numbers.
     pub fn at(
         &self,
         map: &MapUse,
-        at: ([f32; 2], &UvBox),
+        at: ([f32; 2], [bool; 2]),
         width: f32,
         table: &LightTable,
     ) -> Option<Light> {
@@ -141,7 +141,7 @@ impl Decoded {
     pub fn between(
         &self,
         map: &MapUse,
-        at: ([f32; 2], &UvBox),
+        at: ([f32; 2], [bool; 2]),
         width: f32,
         table: &LightTable,
     ) -> Option<Light> {
@@ -161,13 +161,13 @@ impl Decoded {
         &self,
         halvings: usize,
         map: &MapUse,
-        at: ([f32; 2], &UvBox),
+        at: ([f32; 2], [bool; 2]),
         table: &LightTable,
     ) -> Option<Light> {
         let level = halvings.saturating_sub(self.n_left_out).min(self.levels.len() - 1);
         let Banded { size, shift, .. } = &self.levels[level];
         let (texels, share) = map.texels(at, *size)?;
-        let bands = texels[1].map(|y| y >> shift);
+        let bands = [texels[1][0] >> shift, texels[1][1] >> shift];
         let above = self.band(level, bands[0], table);
         let below = if bands[1] == bands[0] { above } else { self.band(level, bands[1], table) };
         let mut sum = [0.0; 4];

@@ -2,7 +2,6 @@
 
 use super::images::{Decoded, ImageCache};
 use super::light_table::Light;
-use super::map_use::UvBox;
 use super::paint::Paint;
 use super::palette::Palette;
 use super::purpose::SEEN;
@@ -23,8 +22,8 @@ pub struct Spot {
     pub material: u32,
     /// Texture coordinates.
     pub uv: [f32; 2],
-    /// Those of its triangle.
-    pub uv_box: UvBox,
+    /// True along each if its triangle lies within one repetition ([`UvBox::within_one`](super::UvBox::within_one)).
+    pub within: [bool; 2],
     /// Length in texture coordinates that its colour stands for.
     pub apart: f64,
 }
@@ -44,7 +43,7 @@ impl Look<'_> {
         let decoded = self.images[self.group.binary_search(&image).ok()?].as_ref()?;
         let width = spot.apart * map.texels_per_coordinate;
         let table = if self.kind.is_colour() { &cache.table } else { &cache.plain };
-        let light = decoded.at(map, (spot.uv, &spot.uv_box), width as f32, table)?;
+        let light = decoded.at(map, (spot.uv, spot.within), width as f32, table)?;
         Some(match self.kind {
             MapKind::Opacity => [decoded.opacity_of(light); 4],
             MapKind::Roughness | MapKind::Metallic => [light[map.channel]; 4],

@@ -39,7 +39,6 @@ impl Wrap {
 
     /// The texel that stands for number `at` of a side of `n`.
     fn texel(self, at: i64, n: i64) -> usize {
-        // Nearly all are, and a division takes longer than all else.
         if (0..n).contains(&at) {
             return at as usize;
         }
@@ -68,28 +67,38 @@ pub struct UvBox {
     high: [f32; 2],
 }
 
-impl UvBox {
-    /// All coordinates.
-    pub const ALL: UvBox = UvBox { low: [f32::NEG_INFINITY; 2], high: [f32::INFINITY; 2] };
+/// Number of the repetition that coordinates between two ends lie within, borders included; the first one before others.
+fn repetition_of((low, high): (f64, f64)) -> Option<i64> {
+    let is_within = |n: &f64| low >= n - ON_BORDER && high <= n + 1.0 + ON_BORDER;
+    [0.0, (0.5 * (low + high)).floor()].into_iter().find(is_within).map(|n| n as i64)
+}
 
+impl UvBox {
     /// Coordinates of a triangle with these corners.
     pub fn of(uv: [[f32; 2]; 3]) -> UvBox {
         let [a, b, c] = uv;
-        UvBox {
-            low: [0, 1].map(|k| a[k].min(b[k]).min(c[k])),
-            high: [0, 1].map(|k| a[k].max(b[k]).max(c[k])),
-        }
+        let least = |k: usize| a[k].min(b[k]).min(c[k]);
+        let most = |k: usize| a[k].max(b[k]).max(c[k]);
+        UvBox { low: [least(0), least(1)], high: [most(0), most(1)] }
     }
 
-    /// Coordinates of one place; along a coordinate that is not `within` one repetition, all.
-    pub fn at(uv: [f32; 2], within: [bool; 2]) -> UvBox {
-        let end = |all: f32| [0, 1].map(|k| if within[k] { uv[k] } else { all });
-        UvBox { low: end(f32::NEG_INFINITY), high: end(f32::INFINITY) }
+    /// True along each coordinate if the box lies within one repetition of an image that is neither scaled nor moved.
+    pub fn within_one(&self) -> [bool; 2] {
+        let is_one =
+            |k: usize| repetition_of((f64::from(self.low[k]), f64::from(self.high[k]))).is_some();
+        [is_one(0), is_one(1)]
     }
 
-    /// Values by which one of two that are seen at the same place goes first.
-    pub fn key(&self) -> [[u32; 2]; 2] {
-        [self.low, self.high].map(|end| end.map(f32::to_bits))
+    /// Coordinates of a corner, moved inwards so far that they do not lie on a border.
+    pub fn inside(&self, uv: [f32; 2]) -> [f32; 2] {
+        [0, 1].map(|k| {
+            let (low, high) = (self.low[k], self.high[k]);
+            let margin = 2.0 * ON_BORDER as f32 * low.abs().max(high.abs()).max(1.0);
+            match high - low > 2.0 * margin {
+                true => uv[k].clamp(low + margin, high - margin),
+                false => uv[k],
+            }
+        })
     }
 }
 
@@ -131,6 +140,7 @@ impl MapUse {
     }
 
     /// Coordinate in the repetitions of the image, from its upper left corner.
+    #[inline]
     fn place(&self, uv: [f32; 2], k: usize) -> f64 {
         let at = f64::from(uv[k]) * self.scale[k] + self.offset[k];
         if k == 0 { at } else { 1.0 - at }
@@ -140,9 +150,7 @@ impl MapUse {
     /// one of two; `None` if they cross a border.
     fn repetition(&self, uv_box: &UvBox, k: usize) -> Option<i64> {
         let [a, b] = [uv_box.low, uv_box.high].map(|end| self.place(end, k));
-        let (low, high) = (a.min(b), a.max(b));
-        let is_within = |n: &f64| low >= n - ON_BORDER && high <= n + 1.0 + ON_BORDER;
-        [0.0, (0.5 * (low + high)).floor()].into_iter().find(is_within).map(|n| n as i64)
+        repetition_of((a.min(b), a.max(b)))
     }
 
     /// True along each coordinate if nothing across a border of the image is seen between these corners.
@@ -150,37 +158,55 @@ impl MapUse {
         [0, 1].map(|k| self.wrap[k] != Wrap::Repeat || self.repetition(uv_box, k).is_some())
     }
 
-    /// Place in an image of `size` at coordinates, v upwards, of a triangle that has those of `uv_box`: the four texels
-    /// around it, and shares of the right and lower ones. `None` where coordinates are not numbers.
+    /// Place in an image of `size` at coordinates, v upwards: the four texels around it, and shares of the right and lower
+    /// ones. `None` where coordinates are not numbers. Along those whose triangle lies `within` one repetition nothing is seen across a border.
     pub fn texels(
         &self,
-        (uv, uv_box): ([f32; 2], &UvBox),
+        (uv, within): ([f32; 2], [bool; 2]),
         size: [u32; 2],
     ) -> Option<([[usize; 2]; 2], [f32; 2])> {
-        let at = [0, 1].map(|k| self.place(uv, k));
-        if !at.iter().all(|x| x.abs() < FARTHEST) {
+        let (u, v) = (self.place(uv, 0), self.place(uv, 1));
+        if !(u.abs() < FARTHEST && v.abs() < FARTHEST) {
             return None;
         }
-        let at = [0, 1].map(|k| at[k] * f64::from(size[k]) - 0.5);
+        let (x, y) = (u * f64::from(size[0]) - 0.5, v * f64::from(size[1]) - 0.5);
         // The floor, which is a call where processors of all ages are built for.
-        let low = at.map(|x| x as i64 - i64::from((x as i64) as f64 > x));
-        let pair = |k: usize| -> [usize; 2] {
-            let n = i64::from(size[k].max(1));
-            let pair = [low[k], low[k] + 1].map(|at| self.wrap[k].texel(at, n));
-            let is_across = self.wrap[k] == Wrap::Repeat && pair[0] as i64 == n - 1;
-            match if is_across { self.repetition(uv_box, k) } else { None } {
-                Some(own) if own <= low[k].div_euclid(n) => [pair[0]; 2],
-                Some(_) => [pair[1]; 2],
-                None => pair,
-            }
-        };
-        let share = [0, 1].map(|k| (at[k] - low[k] as f64) as f32);
-        Some(([pair(0), pair(1)], share))
+        let floor = |x: f64| x as i64 - i64::from((x as i64) as f64 > x);
+        let (left, top) = (floor(x), floor(y));
+        let columns = self.pair((0, size[0]), left, (u, within[0]));
+        let rows = self.pair((1, size[1]), top, (v, within[1]));
+        Some(([columns, rows], [(x - left as f64) as f32, (y - top as f64) as f32]))
+    }
+
+    /// The texels `low` and the next along a side of `n`.
+    #[inline]
+    fn pair(&self, (k, n): (usize, u32), low: i64, place: (f64, bool)) -> [usize; 2] {
+        // Nearly all are.
+        if low >= 0 && low + 1 < i64::from(n) {
+            return [low as usize, low as usize + 1];
+        }
+        self.pair_at_border((k, i64::from(n.max(1))), low, place)
+    }
+
+    #[cold]
+    fn pair_at_border(
+        &self,
+        (k, n): (usize, i64),
+        low: i64,
+        (place, is_within): (f64, bool),
+    ) -> [usize; 2] {
+        let pair = [low, low + 1].map(|at| self.wrap[k].texel(at, n));
+        let is_across = self.wrap[k] == Wrap::Repeat && pair[0] as i64 == n - 1;
+        match if is_across && is_within { repetition_of((place, place)) } else { None } {
+            Some(own) if own <= low.div_euclid(n) => [pair[0]; 2],
+            Some(_) => [pair[1]; 2],
+            None => pair,
+        }
     }
 
     /// True if coordinates are numbers that a texel can be found for.
     pub fn leads_to_texels(&self, uv: [f32; 2]) -> bool {
-        self.texels((uv, &UvBox::ALL), self.size).is_some()
+        self.texels((uv, [false; 2]), self.size).is_some()
     }
 
     /// Texels of the image for a length of 1 along each of its coordinates.
@@ -201,7 +227,7 @@ mod tests {
 
     /// Texels of the upper left corner for coordinates at the middle of a texel.
     fn at(map: &MapUse, uv: [f32; 2]) -> Option<[usize; 2]> {
-        map.texels((uv, &UvBox::ALL), [4, 2]).map(|(texels, _)| [texels[0][0], texels[1][0]])
+        map.texels((uv, [false; 2]), [4, 2]).map(|(texels, _)| [texels[0][0], texels[1][0]])
     }
 
     /// An image of 4 x 2 texels along u:
@@ -215,7 +241,8 @@ mod tests {
         let (plain, clamped) = (map("", None), map("-clamp on", None));
         let columns = |map: &MapUse, u: f32, ends: [f32; 2], size: [u32; 2]| {
             let uv_box = UvBox::of([[ends[0], 0.1], [ends[1], 0.1], [ends[0], 0.2]]);
-            map.texels(([u, 0.1], &uv_box), size).unwrap().0[0]
+            let at = (uv_box.inside([u, 0.1]), map.within(&uv_box));
+            map.texels(at, size).unwrap().0[0]
         };
         for (u, ends, seen) in [
             (0.0, [0.0, 1.0], [0, 0]),
@@ -246,7 +273,7 @@ mod tests {
         }
         // The other coordinate, whose rows count downwards, and a scale.
         let uv_box = UvBox::of([[0.0, 0.0], [3.5, 0.0], [0.0, 1.0]]);
-        let rows = |v: f32| plain.texels(([0.5, v], &uv_box), [4, 2]).unwrap().0[1];
+        let rows = |v: f32| plain.texels(([0.5, v], plain.within(&uv_box)), [4, 2]).unwrap().0[1];
         assert_eq!((rows(0.0), rows(1.0)), ([1, 1], [0, 0]));
         assert_eq!(plain.within(&uv_box), [false, true]);
         let doubled = map("-s 2 1 1", None);

@@ -6,7 +6,7 @@
 use super::images::Decoded;
 use super::light_table::{Light, LightTable};
 use super::lights::times_opacity;
-use super::map_use::{MapUse, UvBox};
+use super::map_use::MapUse;
 use super::palette::image_bytes;
 
 /// Bytes that an image of `size` takes while colours are looked up in it: as its decoder leaves it, and with halves.
@@ -48,7 +48,7 @@ pub fn add_corners(
         }
         for k in 0..3 {
             let width = apart(uv, k) * map.texels_per_coordinate;
-            if let Some(light) = decoded.at(&map, (uv[k], &UvBox::ALL), width as f32, &table) {
+            if let Some(light) = decoded.at(&map, (uv[k], [false; 2]), width as f32, &table) {
                 let sum = &mut sums[t[k] as usize];
                 *sum = std::array::from_fn(|i| sum[i] + light[i] * factor[i]);
             }
