@@ -4,7 +4,7 @@
 //! Looks at some of the triangles; nothing is read where vertices have neither labels nor such floats. Changes nothing but the schema.
 
 use crate::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock, VertexRecords};
-use stonecut_mesh::patches::{LABEL_NAMES, NeighbourSteps, PatchCount, WholeValues};
+use stonecut_mesh::patches::{PatchCount, WholeValues};
 use stonecut_mesh::property::read_scalar;
 use stonecut_mesh::record::VertexSchema;
 use stonecut_system::error::Result;
@@ -51,16 +51,13 @@ pub fn survey_labels(source: &mut MeshSource, labels: &[String]) -> Result<()> {
     for (i, property) in schema.properties.iter().enumerate() {
         let end = at + property.scalar.bytes();
         if is_label[i] || may_be_label[i] {
-            let (mut count, mut steps) = (PatchCount::default(), NeighbourSteps::default());
+            let mut count = PatchCount::default();
             let value = |row: usize| &records[row * record_bytes..][at..end];
             for row in &rows {
                 let values = row.map(value);
-                count.add(values);
-                steps.add(values.map(|bytes| read_scalar(property.scalar, bytes, 0)));
+                count.add(values, values.map(|bytes| read_scalar(property.scalar, bytes, 0)));
             }
-            let is_named =
-                labels.contains(&property.name) || LABEL_NAMES.contains(&property.name.as_str());
-            is_patchy[i] = count.is_patchy(is_all) && (is_named || !steps.are_small());
+            is_patchy[i] = count.is_patchy(&property.name, labels, is_all);
         }
         at = end;
     }

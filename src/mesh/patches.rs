@@ -5,33 +5,38 @@ pub const LABEL_NAMES: [&str; 8] =
     ["label", "labels", "region", "region_id", "material", "material_id", "segment", "segment_id"];
 
 /// Counts triangles whose corners have different labels.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct PatchCount {
     n: u64,
     mixed: u64,
+    steps: NeighbourSteps,
 }
 
 impl PatchCount {
     /// Triangles that are enough to tell.
     pub const SAMPLE: usize = 100_000;
 
-    /// Takes the labels of a triangle's corners.
-    pub fn add<T: PartialEq>(&mut self, [a, b, c]: [T; 3]) {
+    /// Takes the labels of a triangle's corners, as they are and as numbers, which need not be exact.
+    pub fn add<T: PartialEq>(&mut self, [a, b, c]: [T; 3], numbers: [f64; 3]) {
         self.n += 1;
         self.mixed += u64::from(a != b || b != c);
+        self.steps.add(numbers);
     }
 
     /// Returns whether the labels lie in patches: no more than a third of the triangles has several (patches of 50 vertices,
-    /// of which 2 % leave one). Labels that are the same on all triangles of the mesh have no borders.
-    pub fn is_patchy(&self, is_all: bool) -> bool {
-        self.n > 0 && 3 * self.mixed <= self.n && !(is_all && self.mixed == 0)
+    /// of which 2 % leave one). Labels that are the same on all triangles of the mesh (`is_all`) have no borders, nor have
+    /// measurements, unless their name or the user says that they are labels.
+    pub fn is_patchy(&self, name: &str, labels: &[String], is_all: bool) -> bool {
+        let is_named = LABEL_NAMES.contains(&name) || labels.iter().any(|label| label == name);
+        let are_few = 3 * self.mixed <= self.n && !(is_all && self.mixed == 0);
+        self.n > 0 && are_few && (is_named || !self.steps.are_small())
     }
 }
 
 /// Values of neighbours beside values anywhere: measurements in whole numbers (the intensity of a laser, 0 to 255) lie in bands, as labels do in
 /// patches, but neighbours differ by little.
 #[derive(Clone, Debug, Default)]
-pub struct NeighbourSteps {
+struct NeighbourSteps {
     n: u64,
     /// Different values, the first few of them.
     seen: Vec<f64>,
@@ -50,7 +55,7 @@ impl NeighbourSteps {
     const VALUES: usize = 16;
 
     /// Takes the values of a triangle's corners.
-    pub fn add(&mut self, [a, b, c]: [f64; 3]) {
+    fn add(&mut self, [a, b, c]: [f64; 3]) {
         self.n += 3;
         for (value, next) in [(a, b), (b, c), (c, a)] {
             if self.seen.len() < Self::VALUES && !self.seen.contains(&value) {
@@ -63,7 +68,7 @@ impl NeighbourSteps {
     }
 
     /// Returns whether values are many, and neighbours differ by little. Not so for values that are not finite.
-    pub fn are_small(&self) -> bool {
+    fn are_small(&self) -> bool {
         let [mean, mean_square] = self.sums.map(|sum| sum / self.n as f64);
         let deviation = (mean_square - mean * mean).sqrt();
         let are_many = self.n_steps > 0 && self.seen.len() == Self::VALUES;

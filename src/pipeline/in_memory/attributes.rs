@@ -8,7 +8,7 @@ use super::regions::FaceRegions;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::codec::{ChannelKind, TEXTURE_NAMES, VertexCodec};
-use crate::mesh::patches::{LABEL_NAMES, NeighbourSteps, PatchCount, WholeValues};
+use crate::mesh::patches::{PatchCount, WholeValues};
 use crate::mesh::property::{MIDDLE_SAMPLE, Origin, Property, Scalar, middle_of, read_scalar};
 use crate::mesh::record::VertexSchema;
 use crate::system::parallel::in_blocks;
@@ -109,27 +109,23 @@ impl<'a> Attributes<'a> {
         let looked_at = |(i, _): &(usize, _)| is_label[*i] || may_be_label[*i];
         for (i, column) in self.columns.iter().enumerate().filter(looked_at) {
             let (mut count, mut whole) = (PatchCount::default(), WholeValues::default());
-            let mut steps = NeighbourSteps::default();
             let scalar = column.property.scalar;
             for t in triangles.iter().step_by(step) {
                 let values = t.map(|v| {
                     let at = v as usize * column.stride + column.offset;
                     column.bytes.get(at..at + scalar.bytes())
                 });
-                count.add(values);
-                let number = |bytes: Option<&[u8]>| bytes.map(|b| read_scalar(scalar, b, 0));
-                if let [Some(a), Some(b), Some(c)] = values.map(number) {
-                    steps.add([a, b, c]);
-                    if may_be_label[i] {
-                        [a, b, c].into_iter().for_each(|value| whole.add(value));
-                    }
+                let number =
+                    |bytes: Option<&[u8]>| bytes.map_or(f64::NAN, |b| read_scalar(scalar, b, 0));
+                let numbers = values.map(number);
+                count.add(values, numbers);
+                if may_be_label[i] {
+                    numbers.into_iter().for_each(|value| whole.add(value));
                 }
             }
             let is_one = is_label[i] || whole.are_labels();
-            let name = &column.property.name;
-            let is_named = self.labels.contains(name) || LABEL_NAMES.contains(&name.as_str());
-            let has_borders = is_named || !steps.are_small();
-            schema.properties[i].is_patchy = is_one && has_borders && count.is_patchy(step == 1);
+            let is_patchy = count.is_patchy(&column.property.name, &self.labels, step == 1);
+            schema.properties[i].is_patchy = is_one && is_patchy;
         }
         *codec = schema.kernel_codec(&self.labels);
         self.channel_kinds = codec.channel_kinds(schema);
